@@ -14,7 +14,7 @@ class Distribution(setuptools.Distribution):
         """Add the executables, where pip builds."""
         super().parse_config_files(*args, **kwargs)
         if PIP_COMMANDS & set(sys.argv):
-            executables = [f'resource/run/{name}' for name in ('sma_module_sim', 'sma_model_check', 'sma_observer')]
+            executables = [f'resource/run/{name}' for name in ('sma_module_sim', 'sma_model_check', 'sma_observer', 'sma_guard')]
             self.data_files = [*(self.data_files or []), ('lib/sma_sim', executables)]
 
     def has_data(self):

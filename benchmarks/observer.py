@@ -191,10 +191,11 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
     names = [name for name in robots[0] if name not in ('seed', 'hidden')]
     plain, hidden = ([robot for robot in robots if bool(robot['hidden']) == has] for has in (False, True))
     return {
-        'robots': len(robots), **{name: pooled(robots, name) for name in names},
+        'robots': len(robots),
+        **{name: pooled(robots, name) for name in names},
         'without a hidden effect': {name: pooled(plain, name) for name in names} if plain else {},
         'with a hidden effect': {name: pooled(hidden, name) for name in names} if hidden else {},
-    }  # fmt: skip
+    }
 
 
 if __name__ == '__main__':

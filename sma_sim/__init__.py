@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from sma_sim import effects as effects
+    from sma_sim import guard as guard
     from sma_sim import observer as observer
     from sma_sim import structures as structures
     from sma_sim.challenge.files import write_challenge as write_challenge
@@ -90,7 +91,7 @@ _EXPORTS = {
     'solver.trajectory': ('Trajectory',),
     'workflow.code_folders': ('write_config',),
 }
-_MODULES = ('effects', 'observer', 'structures')
+_MODULES = ('effects', 'guard', 'observer', 'structures')
 __all__ = sorted(name for names in _EXPORTS.values() for name in names)
 
 

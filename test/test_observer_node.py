@@ -11,11 +11,15 @@ from sensor_msgs.msg import JointState, Temperature  # noqa: E402
 from std_msgs.msg import Float64, Float64MultiArray, UInt8MultiArray  # noqa: E402
 
 TOPICS = (
-    (JointState, 'joint_states'), (Temperature, 'wire_1/temperature'), (Temperature, 'estimated/wire_1/temperature'),
-    (Temperature, 'estimated/wire_2/temperature'), (Float64MultiArray, 'estimated/phase_fractions'),
-    (Float64MultiArray, 'estimated/wire_stresses'), (UInt8MultiArray, 'estimated/wire_modes'),
+    (JointState, 'joint_states'),
+    (Temperature, 'wire_1/temperature'),
+    (Temperature, 'estimated/wire_1/temperature'),
+    (Temperature, 'estimated/wire_2/temperature'),
+    (Float64MultiArray, 'estimated/phase_fractions'),
+    (Float64MultiArray, 'estimated/wire_stresses'),
+    (UInt8MultiArray, 'estimated/wire_modes'),
     (DiagnosticArray, '/diagnostics'),
-)  # fmt: skip
+)
 
 
 def stamp(message):

@@ -26,9 +26,12 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument('--system', metavar='NAME', help='what was measured (default: the system of --config)')
     parser.add_argument('--map', type=Path, metavar='FILE', help='YAML file that maps foreign columns and units')
     parser.add_argument(
-        '--noise', action='append', default=[], metavar='CHANNEL=STD',
+        '--noise',
+        action='append',
+        default=[],
+        metavar='CHANNEL=STD',
         help='standard deviation of the noise of a channel, SI units (default: that of meta.json, else estimated)',
-    )  # fmt: skip
+    )
     parser.add_argument(
         '--without',
         action='append',

@@ -191,41 +191,86 @@ CHECK_PARAMETERS = (
 
 OBSERVER_PAGE, GUARD_PAGE = 'docs/how-to/estimate-the-wire-temperature.md', 'docs/how-to/guard-the-wires.md'
 OBSERVER_PARAMETERS = (
-    Parameter('parameter_std', 0.1, '-', (1e-6, 1.0), 'relative standard deviation of parameters that have none in priors',
-              source=OBSERVER_PAGE),
+    Parameter(
+        'parameter_std',
+        0.1,
+        '-',
+        (1e-6, 1.0),
+        'relative standard deviation of parameters that have none in priors',
+        source=OBSERVER_PAGE,
+    ),
     Parameter('length_std', 0.002, '-', (1e-6, 1.0), 'the same of lengths', source=OBSERVER_PAGE),
-    Parameter('parameter_time', 300.0, 's', (0.1, 1e9), 'how long what was learned of parameters is kept',
-              source=OBSERVER_PAGE),
-    Parameter('power_std', 0.03, '-', (1e-6, 1.0), 'by which part the heating of a wire may differ from the command',
-              source=OBSERVER_PAGE),
+    Parameter(
+        'parameter_time', 300.0, 's', (0.1, 1e9), 'how long what was learned of parameters is kept', source=OBSERVER_PAGE
+    ),
+    Parameter(
+        'power_std',
+        0.03,
+        '-',
+        (1e-6, 1.0),
+        'by which part the heating of a wire may differ from the command',
+        source=OBSERVER_PAGE,
+    ),
     Parameter('power_time', 60.0, 's', (0.1, 1e9), 'how long such a difference lasts', source=OBSERVER_PAGE),
     Parameter('T_E_std', 1.0, 'K', (1e-6, 100.0), 'by how much the ambient temperature may differ', source=OBSERVER_PAGE),
     Parameter('T_E_time', 300.0, 's', (0.1, 1e9), 'how long such a difference lasts', source=OBSERVER_PAGE),
-    Parameter('discrepancy', 0.02, '-', (1e-6, 1.0),
-              'by which part of its usual change a channel may differ from the model, beside noise', source=OBSERVER_PAGE),
+    Parameter(
+        'discrepancy',
+        0.02,
+        '-',
+        (1e-6, 1.0),
+        'by which part of its usual change a channel may differ from the model, beside noise',
+        source=OBSERVER_PAGE,
+    ),
     Parameter('discrepancy_time', 10.0, 's', (0.01, 1e9), 'how long such a difference lasts', source=OBSERVER_PAGE),
     Parameter('T_walk', 0.5, 'K/s^0.5', (0.0, 1e3), 'random walk of the temperatures', source=OBSERVER_PAGE),
     Parameter('x_M_walk', 0.003, '1/s^0.5', (0.0, 1.0), 'random walk of the fractions', source=OBSERVER_PAGE),
     Parameter('initial_T_std', 1.0, 'K', (1e-3, 1e3), 'of the temperatures at the start', source=OBSERVER_PAGE),
     Parameter('initial_x_M_std', 0.01, '-', (1e-4, 1.0), 'of the fractions at the start', source=OBSERVER_PAGE),
-    Parameter('latency', 0.02, 's', (0.0, 1.0), 'wait of the node after a sample for messages that belong to it',
-              source=OBSERVER_PAGE),
-)  # fmt: skip
+    Parameter(
+        'latency',
+        0.02,
+        's',
+        (0.0, 1.0),
+        'wait of the node after a sample for messages that belong to it',
+        source=OBSERVER_PAGE,
+    ),
+)
 GUARD_PARAMETERS = (
     Parameter('T_max', 400.0, 'K', KELVIN, 'no wire may get hotter', source=GUARD_PAGE),
     Parameter('stress_max', 5e8, 'Pa', (1e3, 1e12), 'no wire may be under more stress', source=GUARD_PAGE),
     Parameter('strain_max', 0.1, '-', (1e-6, 1.0), 'no wire that is longer is heated', source=GUARD_PAGE),
-    Parameter('cycles_max', 1e9, '-', (0.0, 1e12), 'transformation cycles after which a wire is no longer heated',
-              source=GUARD_PAGE),
-    Parameter('horizon', 0.05, 's', (0.005, 10.0), 'how long a command may stay in force before the next one is judged',
-              source=GUARD_PAGE),
-    Parameter('margin', 2.0, '-', (0.0, 10.0), 'standard deviations of the estimate that limits keep clear of',
-              source=GUARD_PAGE),
-    Parameter('T_std_max', 20.0, 'K', (0.1, 1e3), 'standard deviation of a temperature that is too uncertain to heat',
-              source=GUARD_PAGE),
-    Parameter('silence', 0.1, 's', (0.005, 10.0), 'without a message for so long, robot and observer are silent',
-              source=GUARD_PAGE),
-)  # fmt: skip
+    Parameter(
+        'cycles_max',
+        1e9,
+        '-',
+        (0.0, 1e12),
+        'transformation cycles after which a wire is no longer heated',
+        source=GUARD_PAGE,
+    ),
+    Parameter(
+        'horizon',
+        0.05,
+        's',
+        (0.005, 10.0),
+        'how long a command may stay in force before the next one is judged',
+        source=GUARD_PAGE,
+    ),
+    Parameter(
+        'margin', 2.0, '-', (0.0, 10.0), 'standard deviations of the estimate that limits keep clear of', source=GUARD_PAGE
+    ),
+    Parameter(
+        'T_std_max',
+        20.0,
+        'K',
+        (0.1, 1e3),
+        'standard deviation of a temperature that is too uncertain to heat',
+        source=GUARD_PAGE,
+    ),
+    Parameter(
+        'silence', 0.1, 's', (0.005, 10.0), 'without a message for so long, robot and observer are silent', source=GUARD_PAGE
+    ),
+)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,7 @@ ARGUMENTS: Mapping[str, tuple[str, str]] = {  # name: default, what it is
     'controller': ('', 'Python file of a controller node, or controller or trajectory_follower of the examples'),
     'alpha_target': ('0.0', 'target angle of the controller [rad]'),
     'demo': ('false', 'the target is a sine; without another controller, the example controller follows it'),
+    'guard': ('false', 'an observer and a guard between controller and module, with the limits guard.* of params_file'),
 }
 
 
@@ -54,6 +55,7 @@ class ModuleArguments:
     alpha_target: float
     demo: bool
     joint_prefix: str
+    guard: bool
 
 
 def share(*parts: str) -> str:
@@ -91,7 +93,7 @@ def module_arguments(context: LaunchContext) -> ModuleArguments:
     if text['effects']:
         names = [] if text['effects'] == 'none' else [name.strip() for name in text['effects'].split(',')]
         overrides['effects.active'] = f'[{", ".join(map(quoted, names)) or quoted("")}]'
-    use_sim_time, rviz, demo = (boolean(name, text[name]) for name in ('use_sim_time', 'rviz', 'demo'))
+    use_sim_time, rviz, demo, guard = (boolean(name, text[name]) for name in ('use_sim_time', 'rviz', 'demo', 'guard'))
     controller = text['controller'] or ('controller' if demo else '')
     if controller in EXAMPLES or controller == share('examples', 'controller.py'):
         refuse_without_angle(text['system'])
@@ -111,6 +113,7 @@ def module_arguments(context: LaunchContext) -> ModuleArguments:
         angle('alpha_target', text['alpha_target']),
         demo,
         text['joint_prefix'],
+        guard,
     )
 
 
@@ -145,14 +148,16 @@ def quoted(text: str) -> str:
 
 
 def module_actions(given: ModuleArguments) -> list[Action]:
-    """A module and, where they were asked for, its controller and the target that moves."""
+    """A module and, where they were asked for, a guard, its controller and the target that moves."""
     actions: list[Action] = [module_node(given)]
+    if given.guard:
+        actions += guarding_nodes(given)
     if given.controller:
         parameters: dict[str, Any] = {'alpha_target': given.alpha_target}
         if given.joint_prefix:
             parameters['joint'] = f'{given.joint_prefix}alpha'
         name = EXAMPLES.get(Path(given.controller).stem, 'alpha_controller')
-        actions.append(python_node(given.controller, name, given, parameters))
+        actions.append(python_node(given.controller, name, given, parameters, guarded=given.guard))
     if given.demo:
         actions.append(python_node(share('examples', 'sine_target.py'), 'sine_target', given, {}))
     return actions
@@ -169,22 +174,39 @@ def two_modules(given: ModuleArguments) -> list[Action]:
 
 def module_node(given: ModuleArguments) -> Node:
     """The simulated module; its parameter file comes before the other arguments, which win."""
-    parameters = [f'{name}:={value}' for name, value in given.overrides]
-    parameters += [f'node.record:={quoted(given.record)}'] if given.record else []
+    recorded = [f'node.record:={quoted(given.record)}'] if given.record else []
+    return package_node('sma_module_sim', given, recorded)
+
+
+def guarding_nodes(given: ModuleArguments) -> list[Action]:
+    """An observer and a guard of the module, whose joints have its prefix."""
+    system = dict(given.overrides).get('system', quoted('module')).strip("'")
+    found = package_structures().get(system)
+    joints = found.structure.coordinate_names if found is not None and given.joint_prefix else ()
+    names = [f'check.name_{joint}:={quoted(given.joint_prefix + joint)}' for joint in joints]
+    return [package_node(executable, given, names) for executable in ('sma_observer', 'sma_guard')]
+
+
+def package_node(executable: str, given: ModuleArguments, more: Sequence[str]) -> Node:
+    """A node of the package with the parameters of the launch and `more`; when it ends, so does everything."""
+    parameters = [f'{name}:={value}' for name, value in given.overrides] + list(more)
     parameters += ['use_sim_time:=true'] if given.use_sim_time else []
     words = [word for parameter in parameters for word in ('-p', parameter)]
     return Node(
         package=PACKAGE,
-        executable='sma_module_sim',
+        executable=executable,
         namespace=given.namespace,
         ros_arguments=['--params-file', given.params_file, *words, '--log-level', given.log_level],
         output='screen',
-        on_exit=Shutdown(reason='the module has ended'),
+        on_exit=Shutdown(reason=f'{executable} has ended'),
     )
 
 
-def python_node(file: str, name: str, given: ModuleArguments, parameters: Mapping[str, Any]) -> Node:
-    """A node that is one Python file, run by the Python that runs the launch; when it ends, so does everything."""
+def python_node(file: str, name: str, given: ModuleArguments, parameters: Mapping[str, Any], guarded: bool = False) -> Node:
+    """A node that is one Python file, run by the Python that runs the launch; when it ends, so does everything.
+
+    The command of one that is `guarded` goes to the guard.
+    """
     values: dict[Any, Any] = {**parameters, 'use_sim_time': given.use_sim_time}
     return Node(
         executable=sys.executable,
@@ -193,6 +215,7 @@ def python_node(file: str, name: str, given: ModuleArguments, parameters: Mappin
         exec_name=name,
         namespace=given.namespace,
         parameters=[values],
+        remappings=[('J_eq', 'J_eq_requested')] if guarded else [],
         ros_arguments=['--log-level', given.log_level],
         output='screen',
         on_exit=Shutdown(reason=f'{name} has ended'),

@@ -133,9 +133,10 @@ class WireObserver:
         at = stamp_of(stamp)
         for i, wire in enumerate(self._wires):
             message = Temperature(
-                header=Header(stamp=at, frame_id=wire), temperature=float(estimate.T[i]) - ZERO_CELSIUS,
+                header=Header(stamp=at, frame_id=wire),
+                temperature=float(estimate.T[i]) - ZERO_CELSIUS,
                 variance=float(estimate.T_std[i]) ** 2,
-            )  # fmt: skip
+            )
             self._topics[f'{PREFIX}{wire}/temperature'].publish(message)
         fractions = means_and_stds('x_M [-]', estimate.x_M, estimate.x_M_std)
         self._topics[f'{PREFIX}phase_fractions'].publish(fractions)

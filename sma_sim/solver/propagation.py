@@ -133,11 +133,22 @@ class Propagation:
         values[:, at.T_E, -1] = 1.0
         none: Any = NO_NUMBERS
         return new_tangents(
-            self.model, run, (0, at.count, 0), numbers=none, direct=none, timed=none, systems=self._records.addresses,
-            delta=DELTA, row_shift=np.zeros((rows + 1, width)), value_shift=values, slope_shift=np.zeros_like(values),
-            moved_u=np.zeros(columns), moved_du=np.zeros(columns), s=np.zeros((len(self.scales), width)),
+            self.model,
+            run,
+            (0, at.count, 0),
+            numbers=none,
+            direct=none,
+            timed=none,
+            systems=self._records.addresses,
+            delta=DELTA,
+            row_shift=np.zeros((rows + 1, width)),
+            value_shift=values,
+            slope_shift=np.zeros_like(values),
+            moved_u=np.zeros(columns),
+            moved_du=np.zeros(columns),
+            s=np.zeros((len(self.scales), width)),
             r=np.zeros((self.model.wires, width)),
-        )  # fmt: skip
+        )
 
     def advance(self, run: Run, times: Vector, inputs: Matrix) -> Matrix:
         """Carry `run` over the stretches from one of `times` (k + 1,) [s] to the next under held `inputs` (k, wires + 1).

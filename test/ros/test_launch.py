@@ -110,7 +110,7 @@ def test_every_argument_is_described(environment, file):
     code, text = launch(environment, file, '--show-args')
     described = dict(re.findall(r"^    '(\w+)':\n        (.+)$", text, re.M))
     expected = {'model', 'system', 'effects', 'params_file', 'namespace', 'use_sim_time', 'log_level', 'rviz', 'controller',
-                'record', 'alpha_target', 'demo', 'joint_prefix'}  # fmt: skip
+                'record', 'alpha_target', 'demo', 'joint_prefix', 'guard'}  # fmt: skip
     assert code == 0 and set(described) == expected, text
     assert 'no description given' not in text
 

@@ -13,6 +13,7 @@ NODES = {
     'sma_module_sim': 'sma_sim.ros.main',
     'sma_model_check': 'sma_sim.ros.check_main',
     'sma_observer': 'sma_sim.ros.observer_main',
+    'sma_guard': 'sma_sim.ros.guard_main',
 }
 
 

@@ -373,9 +373,10 @@ class Observer:
         at = self._at.parameters
         mean[at] = np.clip(mean[at], self._limits[:, 0], self._limits[:, 1])
         return belief._replace(
-            mean=mean, covariance=0.5 * (covariance + covariance.T),
+            mean=mean,
+            covariance=0.5 * (covariance + covariance.T),
             inconsistency=self._running(belief, float(np.mean(squares))),
-        )  # fmt: skip
+        )
 
     def _running(self, belief: Belief, square: float) -> float:
         """The running mean of the squared innovations with another one."""
@@ -407,9 +408,15 @@ class Observer:
         T, x_M, stress = sample[self._outputs].reshape(len(OUTPUTS), -1)
         strain = sample[self._length] / belief.reference.propagation.model.wire.l0 - 1.0
         return Estimate(
-            belief.time, T, np.clip(x_M, 0.0, 1.0), stress, sample[self._mode].round().astype(np.int64), covariance, strain,
+            belief.time,
+            T,
+            np.clip(x_M, 0.0, 1.0),
+            stress,
+            sample[self._mode].round().astype(np.int64),
+            covariance,
+            strain,
             belief.inconsistency,
-        )  # fmt: skip
+        )
 
     def _forget(self) -> None:
         """Drop what is older than the window, but for one belief."""

@@ -1,0 +1,256 @@
+"""A guard between a controller and a robot: it takes away as little heating as keeps every wire within its limits.
+
+Over the time h that a command may stay in force, a wire of heat capacity C that is heated with J/n is no hotter than
+
+    T(h) = T d + (T_E + J/(n lambda A_s)) (1 - d),      d = exp(-lambda A_s h/C),
+
+because heating lets it transform to austenite, which takes latent heat in addition (L3). Its stress rises by sigma_T for
+each kelvin at most: that is the slope of the stress at which it transforms back (MAS8), which it does not exceed. Both are
+linear in the heating, so the largest part of a command that keeps all limits is found at once.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.data.tables import write_whole
+from sma_sim.evidence.state_estimation.estimate import Estimate
+from sma_sim.model.config import Config
+from sma_sim.model.errors import UserError
+from sma_sim.model.expected import expect
+from sma_sim.model.system import commanded_heating
+from sma_sim.solver.model import Model
+
+Vector = NDArray[np.float64]
+CYCLE = 0.1  # of x_M, by which a wire must have transformed to and fro for a cycle
+OVER = 'temperature', 'stress', 'strain', 'cycles'
+UNKNOWN, UNCERTAIN, NOT_FINITE = 'no estimate', 'uncertain estimate', 'a command that is not finite'
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What a guard lets through.
+
+    Attributes
+    ----------
+    J_eq : tuple of float
+        Commands [W]: those that were asked for, times `scale`.
+    scale : float
+        From 0 to 1.
+    kind : str
+        Why it is less than 1, in a word; empty where it is not.
+    reason : str
+        The same as a sentence.
+    """
+
+    J_eq: tuple[float, ...]
+    scale: float
+    kind: str
+    reason: str
+
+
+@dataclass
+class Counters:
+    """What a guard has done, also before it was started: `interventions` by kind, transformation `cycles` of each wire."""
+
+    interventions: Counter[str] = field(default_factory=Counter)
+    cycles: list[float] = field(default_factory=list)
+
+    def save(self, path: Path) -> None:
+        """Write a JSON file, whole or not at all. Raises UserError."""
+        data = {'interventions': dict(self.interventions), 'cycles': self.cycles}
+        write_whole(path, lambda file: file.write(json.dumps(data, indent=2) + '\n'))
+
+    @staticmethod
+    def read(path: Path, wires: int) -> Counters:
+        """What a file says, nothing where there is none. Raises UserError for one that says something else."""
+        if not path.exists():
+            return Counters(cycles=[0.0] * wires)
+        try:
+            data: Any = json.loads(path.read_text(encoding='utf-8'))
+            counts = Counter({str(name): int(number) for name, number in data['interventions'].items()})
+            cycles = [float(number) for number in data['cycles']]
+        except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+            raise UserError(
+                f'guard.counters = {path}: expected a JSON file with interventions and cycles, as the guard writes it'
+            ) from error
+        if len(cycles) != wires or not all(math.isfinite(number) and number >= 0.0 for number in cycles):
+            raise UserError(f'guard.counters = {path}: it has cycles {cycles}; expected those of {wires} wire(s)')
+        return Counters(counts, cycles)
+
+
+class Guard:
+    """Limits commands so that the wires stay within ``guard.T_max``, ``stress_max``, ``strain_max`` and ``cycles_max``.
+
+    It never adds heating. Without an estimate, with one that is too uncertain (``guard.T_std_max``), and for a command that
+    is not finite, the heating is zero.
+
+    Parameters
+    ----------
+    config : Config
+        The model, and the limits ``guard.*``.
+    counters : Counters, optional
+        What was counted before.
+
+    Examples
+    --------
+    >>> import sma_sim
+    >>> from sma_sim.guard import Guard
+    >>> from sma_sim.observer import Observer
+    >>> config = sma_sim.Config({'guard.T_max': 350.0})
+    >>> observer, guard = Observer(config), Guard(config)
+    >>> for k in range(100):
+    ...     allowed = guard.limit(25.0, observer.update(0.02 * k, None, {'alpha': -1e-3 * k}), 0.02 * k)
+    ...     estimate = observer.update(0.02 * k, allowed.J_eq)
+    >>> bool(330.0 < estimate.T[0] < 350.0), allowed.kind, 0.0 < allowed.scale < 0.8
+    (True, 'temperature', True)
+    """
+
+    def __init__(self, config: Config, counters: Counters | None = None) -> None:
+        expect('config', config, Config)
+        model = Model(config)
+        self._system, self._wire = model.compiled, model.wire
+        self._commands, self._wires = len(model.structure.commands), model.wires
+        self._limits = {
+            name.removeprefix('guard.'): value for name, value in config.parameters.items() if name.startswith('guard.')
+        }
+        self.T_E = config.parameters['environment.T_E']
+        self.counters = counters or Counters(cycles=[0.0] * self._wires)
+        self._before: Estimate | None = None
+        self._kind = ''
+        self._turns: list[tuple[float, int]] = []  # of each wire, the last extreme of x_M, and towards which side it goes
+
+    def limit(self, J_eq: float | Sequence[float], estimate: Estimate | None, time: float) -> Decision:
+        """The largest part of a command that keeps the limits.
+
+        Parameters
+        ----------
+        J_eq : float or sequence of float
+            What is asked for [W], one number for each command of the structure.
+        estimate : Estimate or None
+            The wires, from an `Observer`; None where there is no estimate.
+        time : float
+            When the command is to be in force [s], in the time of the estimate.
+
+        Returns
+        -------
+        Decision
+            What may be in force, and why it is not all that was asked for.
+
+        Raises
+        ------
+        UserError
+            For another number of commands than the structure has.
+        """
+        asked = np.atleast_1d(np.asarray(J_eq, dtype=float))
+        if asked.shape != (self._commands,):
+            raise UserError(f'J_eq = {J_eq}: expected {self._commands} number(s) [W]')
+        if estimate is not None:
+            self._count_cycles(estimate.x_M)
+        scale, kind, reason = self._judged(asked, estimate, time)
+        self._before = estimate
+        if kind and kind != self._kind:
+            self.counters.interventions[kind] += 1
+        self._kind = kind
+        allowed = asked * scale if scale > 0.0 else np.zeros(self._commands)
+        return Decision(tuple(allowed.tolist()), scale, kind, reason)
+
+    def _judged(self, asked: Vector, estimate: Estimate | None, time: float) -> tuple[float, str, str]:
+        """The part of a command, the kind of intervention and its reason."""
+        if not np.isfinite(asked).all():
+            return 0.0, NOT_FINITE, f'J_eq = {", ".join(map(str, asked.tolist()))}: not a finite number'
+        late = math.inf if estimate is None else time - estimate.time
+        known = estimate is not None and np.isfinite([*estimate.mean, *estimate.strain]).all()
+        if estimate is None or not known or not abs(late) <= self._limits['silence']:
+            return 0.0, UNKNOWN, f'there is no estimate of the last {self._limits["silence"]:g} s'
+        most, T_std = self._limits['T_std_max'], estimate.T_std
+        if not (T_std <= most).all():
+            wire = int(np.argmax(T_std))
+            return 0.0, UNCERTAIN, f'T of wire {wire + 1} is known to {T_std[wire]:.1f} K only (guard.T_std_max {most:g} K)'
+        heating = np.array([commanded_heating(i, np.append(asked, 0.0), self._system) for i in range(self._wires)])
+        if not heating.any():
+            return 1.0, '', ''
+        found = [self._by_temperature(heating, estimate, late), self._by_stress(heating, estimate, late)]
+        found += [self._by_strain(estimate), self._by_cycles(heating)]
+        kind = int(np.argmin([scale for scale, _ in found]))
+        scale, reason = found[kind]
+        return (1.0, '', '') if scale >= 1.0 else (max(scale, 0.0), OVER[kind], reason)
+
+    def _prediction(self, heating: Vector, estimate: Estimate, late: float) -> tuple[Vector, Vector]:
+        """Temperatures without heating at the end of the horizon, and what heating adds (wires,) [K]."""
+        w = self._wire
+        cooling = w.lambda_ * w.area
+        decay = math.exp(-cooling * (self._limits['horizon'] + max(late, 0.0)) / (w.volume * w.rho * w.c_V))
+        return estimate.T * decay + self.T_E * (1.0 - decay), heating / cooling * (1.0 - decay)
+
+    def _by_temperature(self, heating: Vector, estimate: Estimate, late: float) -> tuple[float, str]:
+        T, rise = self._prediction(heating, estimate, late)
+        limit = self._limits['T_max'] - self._limits['margin'] * estimate.T_std
+        scale, wire = smallest(limit - T, rise)
+        return scale, f'T of wire {wire + 1} would be {T[wire] + rise[wire]:.1f} K (guard.T_max {self._limits["T_max"]:g} K)'
+
+    def _by_stress(self, heating: Vector, estimate: Estimate, late: float) -> tuple[float, str]:
+        """A wire that is not heated is stretched by the others: as fast as until now, as long as they are."""
+        T, rise = self._prediction(heating, estimate, late)
+        slope = self._wire.sigma_T
+        coasting = slope * np.minimum(T - estimate.T, 0.0)  # of a wire that cools: none is counted on where it is not heated
+        heated = heating > 0.0
+        without = estimate.stress + np.where(heated, coasting, 0.0)
+        more = np.where(heated, slope * rise, self._stretching(estimate))
+        limit = self._limits['stress_max'] - self._limits['margin'] * estimate.stress_std
+        scale, wire = smallest(limit - without, more)
+        highest = 1e-6 * (without[wire] + more[wire])
+        return (
+            scale,
+            f'stress of wire {wire + 1} would be {highest:.0f} MPa (limit {1e-6 * self._limits["stress_max"]:g} MPa)',
+        )
+
+    def _stretching(self, estimate: Estimate) -> Vector:
+        """By how much stresses rise within the horizon as they did until now (wires,) [Pa]."""
+        before = self._before
+        if before is None or not estimate.time > before.time:
+            return np.zeros(self._wires)
+        rate = (estimate.stress - before.stress) / (estimate.time - before.time)
+        return np.maximum(rate, 0.0) * self._limits['horizon']
+
+    def _by_strain(self, estimate: Estimate) -> tuple[float, str]:
+        wire, most = int(np.argmax(estimate.strain)), self._limits['strain_max']
+        strain = estimate.strain[wire]
+        words = f'wire {wire + 1} is strained by {100.0 * strain:.2f} % (guard.strain_max {100.0 * most:g} %)'
+        return (0.0 if strain > most else 1.0), words
+
+    def _by_cycles(self, heating: Vector) -> tuple[float, str]:
+        most = self._limits['cycles_max']
+        spent = [i for i in range(self._wires) if heating[i] > 0.0 and self.counters.cycles[i] >= most]
+        words = f'wire {spent[0] + 1} has done {self.counters.cycles[spent[0]]:g} cycles (guard.cycles_max)' if spent else ''
+        return (0.0 if spent else 1.0), words
+
+    def _count_cycles(self, x_M: Vector) -> None:
+        """Half a cycle for every turn of x_M by more than CYCLE."""
+        if not self._turns:
+            self._turns = [(float(x), 0) for x in x_M]
+        for i, x in enumerate(x_M.tolist()):
+            extreme, side = self._turns[i]
+            if side * (x - extreme) >= 0.0 and side:
+                self._turns[i] = (x, side)
+            elif abs(x - extreme) > CYCLE:
+                self.counters.cycles[i] += 0.5
+                self._turns[i] = (x, 1 if x > extreme else -1)
+
+
+def smallest(room: Vector, added: Vector) -> tuple[float, int]:
+    """The largest part of what is added (wires,) for which there is room, at most 1, and the wire that bounds it."""
+    with np.errstate(divide='ignore', invalid='ignore'):
+        parts = np.where(added > room, np.maximum(room, 0.0) / added, 1.0)
+    parts = np.where((room < 0.0) & (added <= 0.0), 1.0, parts)
+    wire = int(np.argmin(parts))
+    return float(parts[wire]), wire

@@ -1,0 +1,169 @@
+"""The guard: no wire beyond its limits, no more taken away than that needs, zero where nothing is known."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sma_sim import Config, Model, UserError
+from sma_sim.guard import Counters, Guard
+from sma_sim.observer import Estimate, Observer
+from sma_sim.solver.columns import sample_columns
+from sma_sim.solver.fixed_rate import FixedRateRun
+from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS
+
+RATE = 50.0  # [Hz]
+T_MAX = 350.0  # [K]
+
+
+def estimate(T=(320.0, 300.0), x_M=(0.3, 0.5), stress=(1e8, 8e7), strain=(0.04, 0.045), std=(2.0, 0.03, 1e6), time=0.0):
+    variances = np.repeat(np.square(std), 2)
+    return Estimate(
+        time, np.array(T), np.array(x_M), np.array(stress), np.array([3, 3]), np.diag(variances), np.array(strain), 1.0
+    )
+
+
+def guarded(asked, config, known=True, seed=0, system='module'):
+    """T and stress of the wires (k, wires), decisions and alpha of a robot whose guard knows its state, or observes it."""
+    robot = Model(Config(system=system, kinetics='mas'))
+    where = sample_columns(robot.structure)
+    run, guard, random = FixedRateRun(robot, RATE, np.array([0.0, 298.0])), Guard(config), np.random.default_rng(seed)
+    observer, rows, decisions, J = Observer(config), [], [], 0.0
+    for k, wanted in enumerate(asked):
+        of_wires = run.sample[where.wires].reshape(-1, PER_WIRE).T
+        T, x_M, stress, length = (of_wires[WIRE_COLUMNS.index(name)] for name in ('T', 'x_M', 'sigma', 'length'))
+        if known:
+            strain = length / robot.wire.l0 - 1.0
+            seen = Estimate(k / RATE, T, x_M, stress, np.array([3, 3]), np.zeros((6, 6)), strain, 1.0)
+        else:
+            noise = [config.parameters[f'check.noise_{name}'] for name in robot.structure.channels[:5]]
+            shown = run.sample[where.sensed][:5] + noise * random.standard_normal(5)
+            seen = observer.update(k / RATE, J, dict(zip(robot.structure.channels[:5], shown.tolist(), strict=True)))
+        decisions.append(guard.limit(wanted, seen, k / RATE))
+        (J,) = decisions[-1].J_eq
+        observer.update(k / RATE, J)
+        rows.append((T.copy(), stress.copy(), run.shown('alpha')))
+        run.step(np.array([J, 298.0]))
+    T, stress, alpha = (np.array(part) for part in zip(*rows, strict=True))
+    return T, stress, decisions, alpha
+
+
+@pytest.mark.parametrize('known', [True, False])
+def test_full_power_stops_below_the_limit_and_stays_near_it(known):
+    config = Config({'guard.T_max': T_MAX})
+    asked = [0.0] * 25 + [30.0] * 250
+    T, _, decisions, _ = guarded(asked, config, known)
+    assert T.max() < T_MAX + 0.5
+    assert T[-1, 0] > T_MAX - (2.0 if known else 12.0)
+    assert decisions[-1].kind == 'temperature' and 0.2 < decisions[-1].scale < 0.6
+    assert 'T of wire 1 would be' in decisions[-1].reason and 'guard.T_max 350 K' in decisions[-1].reason
+
+
+def test_stress_stops_below_its_limit():
+    limit = 1.5e8
+    T, stress, decisions, _ = guarded([30.0] * 250, Config({'guard.stress_max': limit, 'guard.T_max': 500.0}))
+    assert 0.95 * limit < stress.max() < 1.02 * limit
+    assert decisions[-1].kind == 'stress'
+
+
+def test_safe_commands_pass_as_they_are():
+    asked = [0.0, 6.0, -6.0] * 40
+    _, _, decisions, _ = guarded(asked, Config({'guard.T_max': 420.0}), known=False)
+    assert [decision.J_eq[0] for decision in decisions] == asked
+    assert {decision.kind for decision in decisions} == {''}
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    J=st.floats(-100.0, 100.0),
+    T=st.tuples(st.floats(290.0, 500.0), st.floats(290.0, 500.0)),
+    stress=st.tuples(st.floats(0.0, 8e8), st.floats(0.0, 8e8)),
+    std=st.floats(0.0, 40.0),
+)
+def test_nothing_is_ever_added(J, T, stress, std):
+    (allowed,) = (decision := Guard(Config()).limit(J, estimate(T, stress=stress, std=(std, 0.0, 1e6)), 0.0)).J_eq
+    assert 0.0 <= decision.scale <= 1.0 and abs(allowed) <= abs(J) and allowed * J >= 0.0
+    assert (decision.scale == 1.0) == (decision.kind == '') and bool(decision.reason) == bool(decision.kind)
+
+
+def test_less_is_asked_for_less_is_taken_away():
+    """The part that is let through leads to the limit itself: no smaller part is needed."""
+    guard = Guard(Config({'guard.T_max': T_MAX, 'guard.margin': 0.0}))
+    (most,) = guard.limit(30.0, estimate((345.0, 300.0)), 0.0).J_eq
+    assert guard.limit(0.999 * most, estimate((345.0, 300.0)), 0.0).scale == 1.0
+    assert guard.limit(2.0 * most, estimate((345.0, 300.0)), 0.0).J_eq[0] == pytest.approx(most)
+    assert guard.limit(-30.0, estimate((345.0, 300.0)), 0.0).scale == 1.0  # the other wire is cold
+
+
+@pytest.mark.parametrize(
+    ('asked', 'seen', 'at', 'kind'),
+    [
+        (float('nan'), estimate(), 0.0, 'a command that is not finite'),
+        (float('inf'), estimate(), 0.0, 'a command that is not finite'),
+        (5.0, None, 0.0, 'no estimate'),
+        (5.0, estimate(), 0.5, 'no estimate'),
+        (5.0, estimate(T=(float('nan'), 300.0)), 0.0, 'no estimate'),
+        (5.0, estimate(strain=(float('nan'), 0.04)), 0.0, 'no estimate'),
+        (5.0, estimate(std=(25.0, 0.01, 1e6)), 0.0, 'uncertain estimate'),
+        (5.0, estimate(std=(float('nan'), 0.01, 1e6)), 0.0, 'uncertain estimate'),
+        (5.0, estimate(T=(420.0, 300.0)), 0.0, 'temperature'),
+        (5.0, estimate(stress=(6e8, 1e8)), 0.0, 'stress'),
+        (-5.0, estimate(stress=(6e8, 1e8)), 0.0, ''),
+        (5.0, estimate(strain=(0.12, 0.04)), 0.0, 'strain'),
+    ],
+)
+def test_zero_where_nothing_is_known_or_a_limit_is_passed(asked, seen, at, kind):
+    guard = Guard(Config())
+    decision = guard.limit(asked, seen, at)
+    assert decision.kind == kind
+    assert decision.J_eq == ((0.0,) if kind else (asked,))
+    assert guard.counters.interventions == ({kind: 1} if kind else {})
+    guard.limit(asked, seen, at)
+    assert sum(guard.counters.interventions.values()) == bool(kind)  # one that lasts is counted once
+
+
+def test_cycles_are_counted_and_end_the_heating_of_a_worn_wire():
+    guard = Guard(Config({'guard.cycles_max': 3.0}))
+    x = 0.45 + 0.25 * np.sin(np.linspace(0.0, 2.0 * np.pi * 3.0, 600))  # three cycles of wire 1, small ones of wire 2
+    small = 0.5 + 0.04 * np.sin(np.linspace(0.0, 60.0, 600))
+    for k, pair in enumerate(zip(x, small, strict=True)):
+        last = guard.limit(1.0, estimate(x_M=pair, time=k / RATE), k / RATE)
+    assert guard.counters.cycles == [3.0, 0.0]
+    assert last.kind == 'cycles' and last.J_eq == (0.0,)
+    assert guard.limit(-1.0, estimate(time=12.0), 12.0).J_eq == (-1.0,)
+
+
+def test_counters_survive_a_restart(tmp_path):
+    file = tmp_path / 'guard.json'
+    guard = Guard(Config(), Counters.read(file, 2))
+    guard.limit(5.0, None, 0.0)
+    guard.counters.cycles[1] = 7.5
+    guard.counters.save(file)
+    again = Guard(Config(), Counters.read(file, 2))
+    again.limit(5.0, None, 0.0)
+    assert again.counters.interventions == {'no estimate': 2} and again.counters.cycles == [0.0, 7.5]
+    for text in ('{', '[]', '{"interventions": {}, "cycles": [1.0]}', '{"interventions": {"a": "b"}, "cycles": [0, 0]}'):
+        file.write_text(text)
+        with pytest.raises(UserError, match='guard.counters'):
+            Counters.read(file, 2)
+
+
+def test_a_structure_with_a_command_for_each_wire():
+    config = Config({'guard.T_max': T_MAX}, system='spatial')
+    wires = config.structure.structure.wires
+    cold = estimate()
+    seen = dataclasses.replace(
+        cold,
+        T=np.array([348.0] + [300.0] * (wires - 1)),
+        x_M=np.full(wires, 0.5),
+        stress=np.full(wires, 8e7),
+        strain=np.full(wires, 0.04),
+        covariance=np.zeros((3 * wires, 3 * wires)),
+    )
+    decision = Guard(config).limit([20.0] * wires, seen, 0.0)
+    assert decision.kind == 'temperature' and len(set(decision.J_eq)) == 1 and 0.0 < decision.scale < 1.0
+    assert Guard(config).limit([0.0, *[20.0] * (wires - 1)], seen, 0.0).scale == 1.0
+    with pytest.raises(UserError, match=f'expected {wires} number'):
+        Guard(config).limit(20.0, seen, 0.0)
