@@ -3,7 +3,8 @@
     python benchmarks/guard.py [--robots 20] [--first 0] [--seconds 20] [--json FILE]
 
 A robot has MAS kinetics, parameters off by 15 % (each either way, the free length by up to 0.3 %), sensors with noise, and
-every second one a hidden effect. It is observed at 50 Hz with pose and forces, by a model with the nominal parameters.
+every second one a hidden effect. It is observed at 50 Hz with pose and forces, by a model with the nominal parameters,
+which is told that they are known to 15 %.
 Commands are adversarial: full power in either direction, for long, in bursts, switched to and fro; every third robot is
 commanded gently, so that no limit comes near. Reported are the largest excesses over the limits, and the stroke (mean
 |alpha|) that is lost: of safe commands against no guard, of others against a guard that knows the true state.
@@ -55,7 +56,7 @@ def robot_of(seed: int) -> tuple[Config, Robot]:
     for name in UNCERTAIN_PARAMETERS:
         values[name] *= 1.0 + OFF * float(random.choice((-1.0, 1.0)))
     values['wire.l0'] *= 1.0 + float(random.uniform(-0.003, 0.003))
-    limits = nominal.variant({'guard.T_max': T_MAX, 'guard.stress_max': STRESS_MAX})
+    limits = nominal.variant({'guard.T_max': T_MAX, 'guard.stress_max': STRESS_MAX, 'observer.parameter_std': OFF})
     return limits, Robot(values, tuple(Hidden(one, one.draw(random)) for one in chosen))
 
 

@@ -243,13 +243,13 @@ class Guard:
             if side * (x - extreme) >= 0.0 and side:
                 self._turns[i] = (x, side)
             elif abs(x - extreme) > CYCLE:
-                self.counters.cycles[i] += 0.5
+                self.counters.cycles[i] += 0.5 if side else 0.0  # the way to the first extreme is no turn
                 self._turns[i] = (x, 1 if x > extreme else -1)
 
 
 def smallest(room: Vector, added: Vector) -> tuple[float, int]:
     """The largest part of what is added (wires,) for which there is room, at most 1, and the wire that bounds it."""
-    with np.errstate(divide='ignore', invalid='ignore'):
+    with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
         parts = np.where(added > room, np.maximum(room, 0.0) / added, 1.0)
     parts = np.where((room < 0.0) & (added <= 0.0), 1.0, parts)
     wire = int(np.argmin(parts))

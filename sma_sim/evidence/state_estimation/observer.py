@@ -127,6 +127,7 @@ class Observer:
         self._events: list[Event] = []
         self._beliefs: list[Belief] = []  # after each of the events
         self._estimate: Estimate | None = None
+        self._observed: tuple[Run, Vector, Matrix] | None = None  # the last run that was looked at, and what was seen
         self._scales: Vector | None = None  # those of the first model
         first = self._reference(np.zeros(len(self._free) + self._structure.wires + 1), 0.0, FIRST_RUN)
         self._prepare(first.propagation)
@@ -350,7 +351,10 @@ class Observer:
 
     def _seen(self, belief: Belief) -> tuple[Vector, Matrix]:
         """A whole sample at a belief, and its derivatives in all that is estimated."""
-        sample, derivatives = belief.reference.propagation.observe(belief.time, belief.run, self._inputs(belief))
+        if self._observed is None or self._observed[0] is not belief.run:  # a correction leaves the run as it is
+            sample, derivatives = belief.reference.propagation.observe(belief.time, belief.run, self._inputs(belief))
+            self._observed = belief.run, sample, derivatives
+        _, sample, derivatives = self._observed
         whole = np.zeros((len(sample), self._size))
         whole[:, : self._at.count] = derivatives
         return sample + derivatives @ self._beside(belief), whole
