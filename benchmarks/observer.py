@@ -122,12 +122,12 @@ def observed(config: Config, truth: Truth, channels: tuple[str, ...], lost: floa
 def heat_balance_alone(config: Config, truth: Truth) -> float:
     """RMS error of T [K] of C dT/dt = J - lambda A_s (T - T_E), solved exactly over each step."""
     w, T_E = Model(config).wire, config.parameters['environment.T_E']
-    decay = np.exp(-w.lambda_ * w.area / (w.volume * w.rho * w.c_V) / RATE)
+    decay = np.exp(-w.lambda_ * w.surface / (w.volume * w.rho * w.c_V) / RATE)
     T = np.full(2, T_E)
     rows = []
     for J in truth.J_eq:
         rows.append(T)
-        final = T_E + np.maximum([J, -J], 0.0) / w.n / (w.lambda_ * w.area)
+        final = T_E + np.maximum([J, -J], 0.0) / w.n / (w.lambda_ * w.surface)
         T = final + (T - final) * decay
     return float(np.sqrt(np.mean((np.array(rows) - truth.states['T']) ** 2)))
 

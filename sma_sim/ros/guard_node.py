@@ -61,7 +61,7 @@ class WireGuard:
         counters = Counters.read(self._path, structure.wires) if self._path else None
         self._guard, self._structure = Guard(config, counters), structure
         self._saved = self._written()
-        self._constants, self._l0 = Model(config).constants, config.parameters['wire.l0']
+        self._constants, self._values = Model(config).constants, config.parameters
         self._pose = record('Pose', structure.coordinate_names)
         self._names = [str(config.settings[f'check.name_{joint}']) for joint in structure.coordinate_names]
         self._messages, self._wires = Messages(structure), wire_names(structure)
@@ -205,7 +205,8 @@ class WireGuard:
         q = self._pose(*(positions.get(name, math.nan) for name in self._names))
         lengths = self._structure.lengths
         assert lengths is not None
-        return np.array(numbers(lengths(q, self._constants))) / self._l0 - 1.0
+        strains = self._structure.strains(numbers(lengths(q, self._constants)), self._values)
+        return np.array([strain for strain, _ in strains])
 
     def _written(self) -> str:
         return repr(self._guard.counters)

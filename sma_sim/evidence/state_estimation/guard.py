@@ -188,7 +188,7 @@ class Guard:
     def _prediction(self, heating: Vector, estimate: Estimate, late: float) -> tuple[Vector, Vector]:
         """Temperatures without heating at the end of the horizon, and what heating adds (wires,) [K]."""
         w = self._wire
-        cooling = w.lambda_ * w.area
+        cooling = w.lambda_ * w.surface
         decay = math.exp(-cooling * (self._limits['horizon'] + max(late, 0.0)) / (w.volume * w.rho * w.c_V))
         return estimate.T * decay + self.T_E * (1.0 - decay), heating / cooling * (1.0 - decay)
 

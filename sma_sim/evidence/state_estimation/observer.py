@@ -410,7 +410,8 @@ class Observer:
         out = derivatives[self._outputs]
         covariance = out @ belief.covariance @ out.T + np.diag(self._least)
         T, x_M, stress = sample[self._outputs].reshape(len(OUTPUTS), -1)
-        strain = sample[self._length] / belief.reference.propagation.model.wire.l0 - 1.0
+        values = belief.reference.propagation.model.config.parameters
+        strain = np.array([one for one, _ in self._structure.strains(sample[self._length].tolist(), values)])
         return Estimate(
             belief.time,
             T,
