@@ -512,8 +512,8 @@ PARTS = (
         command=cases('laplace'),
         text='Log odds of a model with an effect against the one without, by the search and by nested sampling (needs '
         '`dynesty`). Without strength an effect may end at its neutral value: a search does not count such a model, and '
-        'nested sampling gives it less than e^-9 of the weight. Where the odds are thousands of nats, the model without the '
-        'effect leaves many times the noise, and its posterior is far from normal.',
+        'nested sampling gives it less weight still. Where the odds are thousands of nats they differ by more '
+        'than 1; why, is not known yet: no decision hangs on it.',
         subject=DIAGNOSIS,
         table=joined(laplace_rows),
         resumable=True,
