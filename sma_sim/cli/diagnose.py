@@ -16,7 +16,6 @@ from sma_sim.cli.common.data import (
     check_outputs,
     chosen_executor,
     from_curves,
-    limits_from,
     print_progress,
     print_written,
     provenance_of,
@@ -34,6 +33,7 @@ from sma_sim.evidence.diagnosis.verdict import as_data
 from sma_sim.evidence.diagnosis.verdict_text import as_text
 from sma_sim.evidence.estimation.calibrate import FitOptions
 from sma_sim.evidence.estimation.interruption import stoppable
+from sma_sim.evidence.estimation.limits import limits_from
 from sma_sim.evidence.model_selection.nominal_fit import NOMINAL_STARTS, DiagnosisRequest
 from sma_sim.model.config import Config
 from sma_sim.model.given import effect_folders_of

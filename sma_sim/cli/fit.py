@@ -16,7 +16,6 @@ from sma_sim.cli.common.data import (
     check_outputs,
     chosen_executor,
     from_curves,
-    limits_from,
     print_written,
     provenance_of,
     read_data,
@@ -33,6 +32,7 @@ from sma_sim.cli.common.options import (
 from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, calibrate
 from sma_sim.evidence.estimation.fit_remarks import remarks_on
 from sma_sim.evidence.estimation.held_out_prediction import RunFit
+from sma_sim.evidence.estimation.limits import limits_from
 from sma_sim.evidence.estimation.search_context import iteration_words
 from sma_sim.model.progress import ProgressLine
 from sma_sim.workflow.fit import reviewed_fit, write_fitted

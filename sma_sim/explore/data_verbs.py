@@ -32,7 +32,7 @@ MAX_HELD_OUT = 200
 SHOWN_RESULTS = {  # entries of a result that the page shows, by stage
     'compare': ('comparisons', 'noise_std'),
     'check': ('runs', 'noise_std', 'notes', 'system'),
-    'calibrate': ('model', 'parameters', 'delay', 'error', 'at_bound', 'implausible', 'converged', 'interrupted', 'seconds'),
+    'calibrate': ('model', 'parameters', 'delay', 'error', 'limits', 'implausible', 'converged', 'interrupted', 'seconds'),
     'diagnose': (
         'verdict',
         'model',

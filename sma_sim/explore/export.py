@@ -161,7 +161,8 @@ def fit_lines(options: Mapping[str, Any]) -> list[str]:
 def diagnosis_lines(options: Mapping[str, Any]) -> list[str]:
     """A diagnosis."""
     asked = diagnosis_request(options, ())
-    words = f'{asked.kinetics!r}, FOLDERS, {asked.seed}, equation={asked.equation}, variants={asked.variants}'
+    fits = f'sma_sim.{asked.options!r}'
+    words = f'{asked.kinetics!r}, FOLDERS, {asked.seed}, {fits}, equation={asked.equation}, variants={asked.variants}'
     request = f'DiagnosisRequest({words})'.replace('FOLDERS', "tuple(effect_folders_of(HERE / 'start.yaml', ()))")
     return [f'found = sma_sim.diagnose(fitted, config, held_out, {request})']
 

@@ -188,6 +188,8 @@ class Job:
         for name in ('model', 'starts', 'seed'):
             words += [f'--{name}', str(options[name])] if name in options else []
         words += ['--robust'] if options.get('robust') else []
+        for limit in options.get('limits') or ():
+            words += ['--limit', limit]
         return words + [f'--no-{name}' for name in ('equation', 'variants') if not options.get(name, True)]
 
     def as_data(self) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from threading import RLock
 from typing import Any
 
+from sma_sim.evidence.estimation.limits import limits_from
 from sma_sim.explore.history import Version
 from sma_sim.explore.jobs import PARAMETERS, Job, job_in, jobs_in, new_job, start_process
 from sma_sim.explore.session import Session
@@ -24,12 +25,13 @@ from sma_sim.workflow.data_request import fingerprint
 STAGES = ('check', 'compare', 'calibrate', 'diagnose', 'accept', 'export')
 KINETICS = (*MODELS, 'auto')
 NUMBERS: dict[str, tuple[int, int]] = {'starts': (1, 100), 'seed': (0, 2**31)}
+LISTS = {'free': 'names', 'effects': 'names', 'limits': 'NAME=LOW:HIGH in SI units'}
 SWITCHES = ('robust', 'equation', 'variants')
 OPTIONS: dict[str, tuple[str, ...]] = {
     'check': (),
     'compare': (),
-    'calibrate': ('free', 'model', 'starts', 'robust', 'seed'),
-    'diagnose': ('model', 'seed', 'equation', 'variants'),
+    'calibrate': ('free', 'model', 'starts', 'robust', 'seed', 'limits'),
+    'diagnose': ('model', 'seed', 'equation', 'variants', 'limits'),
     'candidates': ('effects',),
 }
 USABLE = ('done', 'stopped')
@@ -127,9 +129,10 @@ class Engine:
     def start(self, stage: str, **options: Any) -> Job:
         """Begin a stage in a process of its own, on the current version.
 
-        Options are those of the command: ``free`` (names), ``model``, ``starts``, ``robust``, ``seed`` to calibrate;
-        ``model``, ``seed``, ``equation``, ``variants`` to diagnose; ``effects`` (names) to switch candidates on. Raises
-        UserError where something must come first, where another step runs, and for options that are wrong.
+        Options are those of the command: ``free`` (names), ``model``, ``starts``, ``robust``, ``seed`` and ``limits``
+        ('NAME=LOW:HIGH', SI) to calibrate; ``model``, ``seed``, ``equation``, ``variants`` and ``limits`` to diagnose;
+        ``effects`` (names) to switch candidates on. Raises UserError where something must come first, where another step
+        runs, and for options that are wrong.
         """
         with self._lock:
             if stage not in OPTIONS:
@@ -203,6 +206,8 @@ def checked_options(stage: str, options: Mapping[str, Any]) -> dict[str, Any]:
             if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
                 raise UserError(f'{stage}, {name} = {value!r}: expected a whole number from {least} to {most}')
         is_names = value is None or isinstance(value, list | tuple) and all(isinstance(one, str) for one in value)
-        if name in ('free', 'effects') and not is_names:
-            raise UserError(f'{stage}, {name} = {value!r}: expected a list of names')
+        if name in LISTS and not is_names:
+            raise UserError(f'{stage}, {name} = {value!r}: expected a list of {LISTS[name]}')
+        if name == 'limits':
+            limits_from(value or ())
     return dict(options)

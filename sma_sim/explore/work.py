@@ -23,9 +23,10 @@ from sma_sim.evidence.diagnosis.verdict_text import as_text
 from sma_sim.evidence.estimation.calibrate import FitOptions, calibrate
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.interruption import stoppable
+from sma_sim.evidence.estimation.limits import limits_from
 from sma_sim.evidence.estimation.search_context import OnModel, silent_model
 from sma_sim.evidence.estimation.starting_values import started_from_curves
-from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
+from sma_sim.evidence.model_selection.nominal_fit import NOMINAL_STARTS, DiagnosisRequest
 from sma_sim.evidence.residual_analysis.compare import Comparison, compare
 from sma_sim.evidence.residual_analysis.summary import comparison_result, summarize
 from sma_sim.explore.events import EventLog
@@ -144,7 +145,7 @@ def calibrate_version(order: WorkOrder) -> bool:
 
 
 def fit_options(options: Mapping[str, Any]) -> FitOptions:
-    """The options of a calibration: ``free`` (names), ``model``, ``starts``, ``robust``, ``seed``."""
+    """The options of a calibration: ``free`` (names), ``model``, ``starts``, ``robust``, ``seed``, ``limits``."""
     free = options.get('free')
     return FitOptions(
         tuple(free) if free is not None else None,
@@ -152,6 +153,7 @@ def fit_options(options: Mapping[str, Any]) -> FitOptions:
         int(options.get('starts', 2)),
         bool(options.get('robust', False)),
         int(options.get('seed', 0)),
+        limits=limits_from(options.get('limits') or ()),
     )
 
 
@@ -179,14 +181,16 @@ def diagnose_version(order: WorkOrder) -> bool:
 def diagnosis_request(
     options: Mapping[str, Any], folders: tuple[Path, ...], on_model: OnModel = silent_model
 ) -> DiagnosisRequest:
-    """The options of a diagnosis: ``model``, ``seed``, ``equation``, ``variants``."""
+    """The options of a diagnosis: ``model``, ``seed``, ``equation``, ``variants``, ``limits``."""
+    fits = FitOptions(starts=NOMINAL_STARTS, limits=limits_from(options.get('limits') or ()))
     return DiagnosisRequest(
         options.get('model'),
         folders,
         int(options.get('seed', 0)),
-        equation=bool(options.get('equation', True)),
-        variants=bool(options.get('variants', True)),
-        on_model=on_model,
+        fits,
+        bool(options.get('equation', True)),
+        bool(options.get('variants', True)),
+        on_model,
     )
 
 

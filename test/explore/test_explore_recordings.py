@@ -237,13 +237,18 @@ def test_calibrate_accept_export_and_what_is_exported(browser, server, tmp_path)
     browser.execute_script(
         'const step = document.querySelector("[data-stage=calibrate]"); step.querySelector("select").value = "mas";'
         'step.querySelector("input[type=text]").value = "beam.E"; step.querySelector("input[type=number]").value = "1";'
+        'step.querySelector("[data-option=limits]").value = "beam.E=2.2e9:3e9";'
     )
     begin(browser, 'calibrate')
     until(browser, 'return document.getElementById("growing") !== null')
     ended(browser, 'calibrate')
     until(browser, 'return document.querySelector("#detail h2").textContent.startsWith("Calibration")')
     value = server.application.data.engine.latest('calibrate').result()['parameters']['beam.E']['value']
-    assert 'beam.E' in browser.find_element('id', 'detail').text
+    until(browser, 'return document.querySelector("#limits button") !== null')
+    assert value == pytest.approx(2.2e9) and 'ended at a limit of the fit' in browser.find_element('id', 'limits').text
+    browser.execute_script('document.querySelector("#limits button").click()')
+    options = 'document.activeElement.dataset.option === "limits" && document.activeElement.value'
+    until(browser, f'return {options} === arguments[0]', 'beam.E=2200000000:3000000000')
     begin(browser, 'accept')
     until(browser, 'return smaExplore.state.history.current > 2')
     assert server.application.session.config().parameters['beam.E'] == value

@@ -20,7 +20,7 @@ from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.residual_analysis.compare import compare
 from sma_sim.evidence.residual_analysis.metrics import channel_scores
 from sma_sim.explore import worker
-from sma_sim.explore.export import export
+from sma_sim.explore.export import diagnosis_lines, export
 from sma_sim.explore.jobs import Job, jobs_in, new_job
 from sma_sim.explore.session import Start, open_session
 from sma_sim.explore.stages import Engine
@@ -173,11 +173,24 @@ def test_the_order(case, tmp_path):
     ('options', 'words'),
     [({'speed': 1}, 'no option speed'), ({'model': 'x'}, 'hybrid, mas, auto'), ({'starts': 0}, '1 to 100'),
      ({'starts': True}, 'whole number'), ({'seed': 1.5}, 'whole number'), ({'robust': 'yes'}, 'true or false'),
-     ({'free': 'beam.E'}, 'list of names')],
+     ({'free': 'beam.E'}, 'list of names'), ({'limits': 'delay=0:1'}, 'list of NAME=LOW:HIGH'),
+     ({'limits': ['delay']}, 'such as delay=-2:5')],
 )  # fmt: skip
 def test_wrong_options(engine, options, words):
     with pytest.raises(UserError, match=words):
         engine.start('calibrate', **options)
+
+
+def test_limits_are_those_of_the_command(engine):
+    """The estimate ends where it must, which is said, and the command that does the same moves the limit too."""
+    job = engine.wait(engine.start('calibrate', **FIT, limits=['beam.E=2.2e9:3e9']), PATIENCE)
+    found = job.result()
+    assert found['parameters']['beam.E']['value'] == pytest.approx(2.2e9)
+    assert [(limit['name'], limit['low'], limit['high']) for limit in found['limits']] == [
+        ('beam.E', pytest.approx(2.2e9), pytest.approx(3e9))
+    ]  # fmt: skip
+    assert job.command_options()[-2:] == ['--limit', 'beam.E=2.2e9:3e9']
+    assert "limits={'beam.E': (2200000000.0, 3000000000.0)}" in diagnosis_lines({'limits': ['beam.E=2.2e9:3e9']})[0]
 
 
 def test_a_mistake_is_said_by_the_job(engine):

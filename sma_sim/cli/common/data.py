@@ -99,19 +99,6 @@ def add_limit_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def limits_from(words: Sequence[str]) -> dict[str, tuple[float, float]]:
-    """Limits by name [SI] from ``name=low:high`` words. Raises UserError."""
-    limits = {}
-    for word in words:
-        name, _, ends = word.partition('=')
-        try:
-            low, high = map(float, ends.split(':'))
-        except ValueError as error:
-            raise UserError(f'--limit {word}: expected NAME=LOW:HIGH in SI units, such as delay=-2:5') from error
-        limits[name.strip()] = (low, high)
-    return limits
-
-
 def print_progress(words: str) -> None:
     """Print what is being done."""
     print(f'  {words}', file=sys.stderr, flush=True)

@@ -64,6 +64,19 @@ class LimitReached:
         return f'move it: --limit {self.name}=LOW:HIGH'
 
 
+def limits_from(words: Sequence[str]) -> dict[str, Range]:
+    """Limits by name [SI] from ``name=low:high`` words. Raises UserError."""
+    limits = {}
+    for word in words:
+        name, _, ends = word.partition('=')
+        try:
+            low, high = map(float, ends.split(':'))
+        except ValueError as error:
+            raise UserError(f'--limit {word}: expected NAME=LOW:HIGH in SI units, such as delay=-2:5') from error
+        limits[name.strip()] = (low, high)
+    return limits
+
+
 def within_limits(problem: Problem, limits: Mapping[str, Range]) -> Problem:
     """A problem whose parameters, delay and zeros of strain lie between `limits` (SI) by name. Raises UserError."""
     names = [free.name for free in problem.free]

@@ -123,12 +123,18 @@ const SHOWN = {
       ...channels.flatMap((channel) => [element('h3', { textContent: channel }), list(rest.filter((one) => one.channel === channel).map((one) => one.text))]))] : [];
     return [heading('Where the error is'), list(found.slice(0, FIRST_SENTENCES).map((one) => one.text)), ...more];
   },
-  calibrate({ result }) {
+  calibrate({ result }, { moveLimit }) {
     const rows = Object.entries(result.parameters).map(intervalRow);
     const held = result.error.held_out === null ? '' : `, of held-out runs ${digits(result.error.held_out)}`;
-    const words = [...(result.at_bound ?? []).map((name) => `${name} is at its bound`), ...(result.implausible ?? []).map((one) => `${one.name ?? one.parameter ?? ''} is outside of what is plausible`)];
+    const words = (result.implausible ?? []).map((one) => `${one.name ?? one.parameter ?? ''} is outside of what is plausible`);
+    const limits = result.limits.map((one) => {
+      const move = element('button', { type: 'button', textContent: 'Move this limit' });
+      move.addEventListener('click', () => moveLimit(one));
+      return element('li', {}, one.text, ...(one.text.includes('--limit') ? [' ', move] : []));
+    });
     return [element('p', { textContent: `Normalized RMSE of the fitted runs ${digits(result.error.train)}${held}. ${result.converged ? '' : 'Not converged. '}${result.interrupted ? 'Stopped: the best so far.' : ''}` }),
-      table(['parameter', 'value', '95 % interval', 'unit'], rows, 'Fitted parameters'), ...(words.length ? [list(words)] : [])];
+      table(['parameter', 'value', '95 % interval', 'unit'], rows, 'Fitted parameters'),
+      ...(limits.length ? [element('ul', { id: 'limits' }, ...limits)] : []), ...(words.length ? [list(words)] : [])];
   },
   diagnose({ result, summary }) {
     const rows = result.error.map((stage) => [stage.effects.join(' + ') || 'calibrated, as it is', errorCell(stage.train), errorCell(stage.held_out)]);

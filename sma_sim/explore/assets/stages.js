@@ -121,10 +121,22 @@ export class Stages {
     const { controls, channels } = this.state;
     return {
       events: () => (job.state === 'running' ? this.events : found.events), labels: (channel) => channels[channel]?.deviation ?? { factor: 1, unit: '(SI)' },
-      holdOut: (names) => this.actions.perform('recordings', { hold_out: names }), tried: this.page.tried?.name ?? null,
+      moveLimit: (limit) => this.moveLimit(job.stage, limit), holdOut: (names) => this.actions.perform('recordings', { hold_out: names }), tried: this.page.tried?.name ?? null,
       tryEffect: (effect) => this.tryEffect(effect), keepEffect: (effect) => this.actions.perform('change', () => ({ ...this.with(effect), expected: this.state.history.current })),
       unitOf: (effect, name) => controls.effects.find((one) => one.name === effect)?.parameters.find((one) => one.label === name) ?? { power: 0, unit: '' },
     };
+  }
+
+  /** Write the limit at which an estimate ended into the options of its step, where it can be changed. */
+  moveLimit(stage, { name, low, high }) {
+    const chosen = this.options[stage] ??= {};
+    const others = (chosen.limits ?? '').split(',').map((word) => word.trim()).filter((word) => word && !word.startsWith(`${name}=`));
+    chosen.limits = [...others, `${name}=${[low, high].map((end) => Number(end.toPrecision(6))).join(':')}`].join(', ');
+    this.actions.openTab('steps');
+    this.show();
+    const options = document.querySelector(`[data-options=${stage}]`);
+    options.open = true;
+    options.querySelector('[data-option=limits]').focus();
   }
 
   /** Which column of the files is which, below what was read; `open` where that is likely to be asked. */

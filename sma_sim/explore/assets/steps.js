@@ -114,6 +114,7 @@ function optionsOf(stage, open, kept) {
   const rows = Object.entries(controls).map(([name, [words, control]]) => {
     const what = control.type === 'checkbox' ? 'checked' : 'value';
     if (name in chosen) control[what] = chosen[name];
+    control.dataset.option = name;
     control.addEventListener('input', () => { chosen[name] = control[what]; });
     return element('label', { className: 'field' }, `${words} `, control);
   });
@@ -135,17 +136,21 @@ function read(control) {
 const check = (checked) => element('input', { type: 'checkbox', checked });
 const kinetics = () => element('select', {}, ...[['', 'as this version says'], ['auto', 'the more probable of both'], ['hybrid', 'hybrid'], ['mas', 'mas']].map(([value, textContent]) => element('option', { value, textContent })));
 
+const limits = () => ['between which values (SI) something is estimated, such as delay=-2:5, beam.E=1e9:3e9', element('input', { type: 'text', placeholder: 'the usual limits' })];
+
 const OPTIONS = {
   calibrate: () => ({
     model: ['kinetics', kinetics()],
     free: ['parameters to fit, such as beam.E, wire.lambda', element('input', { type: 'text', placeholder: 'chosen automatically' })],
     starts: ['starting points', element('input', { type: 'number', min: '1', max: '100', value: '2' })],
     robust: ['give outliers less weight', check(false)],
+    limits: limits(),
   }),
   diagnose: () => ({
     model: ['kinetics', kinetics()],
     equation: ['search for an equation if no known effect explains the error', check(true)],
     variants: ['also effects in one wire or coordinate only', check(true)],
+    limits: limits(),
   }),
 };
 
