@@ -37,6 +37,7 @@ from sma_sim.evidence.estimation.uncertainty import (
     autocorrelation_time,
     correlation_times,
     direction,
+    information_of,
     interval,
     long_run,
     uncertainty,
@@ -77,6 +78,10 @@ def linear_of(problem, seed=0, size=0.2):
     return found
 
 
+def informations_of(problem, linear):
+    return [information_of(data, run, problem.robust) for data, run in zip(problem.runs, linear, strict=True)]
+
+
 def rows_of(linear, count):
     """The sensitivities of all samples to all unknowns."""
     return np.vstack([run.jacobian.reshape(len(run.indices), -1).T @ np.eye(count)[run.indices] for run in linear])
@@ -90,7 +95,7 @@ def test_white_residuals_give_the_intervals_of_linear_regression(delay):
     prior = np.where(np.arange(n) < 2, BOUND_STDS**-1.0, 1.0)
     covariance = np.linalg.pinv(np.vstack([rows_of(linear, n), np.diag(prior)]))
     covariance = covariance @ covariance.T
-    found = uncertainty(problem, z, linear)
+    found = uncertainty(problem, z, informations_of(problem, linear))
     std = np.sqrt(np.diag(covariance))
     for k, (one, free) in enumerate(zip(found.intervals, problem.free, strict=True)):
         assert one.seen and one.value == free.value(z[k]) and one.std == pytest.approx(free.scale * std[k])
@@ -116,20 +121,20 @@ def test_correlated_residuals_widen_intervals_as_their_scores_say():
     slow = np.sin(np.linspace(0.0, 20.0, SAMPLES))
     linear = [LinearizedRun(run.indices, np.array([3.0 * slow, run.residuals[1]]), run.jacobian + slow)
               for run in linear_of(problem)]  # fmt: skip
-    times = correlation_times(problem, linear)
+    times = correlation_times(informations_of(problem, linear))
     assert times['alpha'] == pytest.approx(autocorrelation_time(slow)) and times['F_1'] < 2.0 < times['alpha']
     prior = np.diag(np.where(np.arange(n) < 2, BOUND_STDS**-2.0, 1.0))
     rows, middle, scattered = rows_of(linear, n), prior.copy(), prior.copy()
     for run in linear:
         at = np.ix_(run.indices, run.indices)
-        middle[at] += long_run(run, times['alpha'], False)
+        middle[at] += long_run(information_of(problem.runs[0], run, False).scores, times['alpha'])
         for row, sensitivity in zip(run.residuals, run.jacobian.transpose(1, 0, 2), strict=True):
             left = 1.0 - len(run.indices) / (2 * SAMPLES)
             factor = max(1.0, float(row @ row) / (SAMPLES * left) * autocorrelation_time(row))
             scattered[at] += factor * sensitivity @ sensitivity.T
     inverse = np.linalg.inv(rows.T @ rows + prior)
     std = np.sqrt(np.maximum(*(np.diag(inverse @ each @ inverse) for each in (middle, scattered))))
-    found = uncertainty(problem, z, linear)
+    found = uncertainty(problem, z, informations_of(problem, linear))
     assert [one.std for one in found.intervals] == pytest.approx(list(std[:2] * [0.5, 4.0]))
     assert (std[:2] > 1.5 * np.sqrt(np.diag(inverse)[:2])).all() and found.correlation_time == times
 
@@ -139,7 +144,7 @@ def test_what_data_do_not_show_is_said_and_has_the_width_of_the_fit():
     linear = linear_of(problem)
     for run in linear:
         run.jacobian[1] = 0.0
-    found = uncertainty(problem, np.zeros(7), linear)
+    found = uncertainty(problem, np.zeros(7), informations_of(problem, linear))
     assert [one.seen for one in found.intervals] == [True, False] and found.unseen == ('b has no visible effect',)
     assert (found.intervals[1].low, found.intervals[1].high) == (-20.0, 20.0)
     assert found.directions[1].std == pytest.approx(BOUND_STDS) and found.directions[1].weights['b'] == pytest.approx(1.0)
@@ -155,10 +160,12 @@ def test_blocks_of_scores_are_sums_over_neighbours():
         for lag in range(1, block):
             product = scores[:, lag:] @ scores[:, :-lag].T
             expected = expected + (1.0 - lag / block) * (product + product.T)
-        assert long_run(linear, time, False) == pytest.approx(expected)
+        assert long_run(scores, time) == pytest.approx(expected)
     outlier = LinearizedRun(np.arange(2), np.full((1, 300), 6.0), linear.jacobian[:, :1])
     capped = LinearizedRun(np.arange(2), np.full((1, 300), 3.0), linear.jacobian[:, :1])
-    assert long_run(outlier, 1.0, True) == pytest.approx(long_run(capped, 1.0, False))  # as Huber's slope has it
+    data = run_of('run', ('alpha',))
+    found, expected = information_of(data, outlier, True), information_of(data, capped, False)
+    assert found.scores == pytest.approx(expected.scores)  # as Huber's slope has it
 
 
 def test_correlation_ends_with_the_first_pair_that_is_noise():

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from simulated_data import config, dataset, scaled
-from test_fit_statistics import A, linear_of, problem_of
+from test_fit_statistics import A, informations_of, linear_of, problem_of
 from test_recordings_in_fits import module_run
 from test_recordings_in_fits import problem_of as module_problem
 
@@ -55,7 +55,7 @@ def test_coverage_of_a_linear_model_whose_residuals_are_not_the_stated_noise(siz
         flat = jacobian.reshape(len(jacobian), -1)
         z = -np.linalg.solve(flat @ flat.T + np.diag(prior), flat @ noise.ravel())  # the truth is 0
         left = noise + np.tensordot(z, jacobian, 1)
-        found = uncertainty(problem, z, [replace(run, jacobian=jacobian, residuals=left)])
+        found = uncertainty(problem, z, informations_of(problem, [replace(run, jacobian=jacobian, residuals=left)]))
         inside += [one.low <= free.value(0.0) <= one.high for one, free in zip(found.intervals, problem.free, strict=True)]
     assert 0.88 <= np.mean(inside) <= 0.995
 
@@ -65,9 +65,9 @@ def test_what_a_misfit_leaves_of_a_parameter_is_not_seen():
     problem = problem_of(runs=1)
     (run,) = linear_of(problem, size=0.05)
     z = np.zeros(len(problem.unknowns))
-    assert all(one.seen for one in uncertainty(problem, z, [run]).intervals)
+    assert all(one.seen for one in uncertainty(problem, z, informations_of(problem, [run])).intervals)
     slow = 40.0 * np.sin(np.linspace(0.0, 9.0, run.residuals.shape[1])) * np.ones_like(run.residuals)
-    found = uncertainty(problem, z, [replace(run, residuals=slow)])
+    found = uncertainty(problem, z, informations_of(problem, [replace(run, residuals=slow)]))
     assert not any(one.seen for one in found.intervals) and len(found.unseen) == 2
 
 
@@ -78,7 +78,7 @@ def test_no_interval_passes_a_bound():
 
 def test_other_minima_are_part_of_an_interval_or_said():
     problem = problem_of(runs=1)
-    known = uncertainty(problem, np.zeros(len(problem.unknowns)), linear_of(problem))
+    known = uncertainty(problem, np.zeros(len(problem.unknowns)), informations_of(problem, linear_of(problem)))
     a, b = known.intervals
     values = {'a': 3.0 * a.value, 'b': b.value}
     near, far, ruled_out = (
@@ -186,14 +186,14 @@ def test_an_interval_of_a_derivative_that_is_a_jump_is_widened_to_where_the_cost
     told = jacobian.copy()
     told[0] *= 1.0 + jump
     run = LinearizedRun(np.arange(len(z)), residuals, told)
-    known = uncertainty(problem, z, [run])
+    known = uncertainty(problem, z, informations_of(problem, [run]))
     curvature = np.einsum('uck,vck->uv', jacobian, jacobian)
     monkeypatch.setattr(
         'sma_sim.evidence.estimation.uncertainty.costs_at',
         lambda _, points, __: [0.5 * float(at @ curvature @ at) for at in points],
     )
-    first, second = checked_by_runs(known, problem, z, [run], None).intervals
+    first, second = checked_by_runs(known, problem, z, informations_of(problem, [run]), None).intervals
     assert second == known.intervals[1]
-    true = uncertainty(problem, z, [replace(run, jacobian=jacobian)]).intervals[0]
+    true = uncertainty(problem, z, informations_of(problem, [replace(run, jacobian=jacobian)])).intervals[0]
     ratio = np.log(first.high / first.low) / np.log(true.high / true.low)
     assert 0.4 < ratio < 2.0 and (jump == 0.0) == (first == known.intervals[0])

@@ -1,5 +1,6 @@
 """Of many runs a part is searched first: nothing is lost by it."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from sma_sim import FitOptions, calibrate, find_effects
 from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.estimation import run_subset
 from sma_sim.evidence.estimation.calibrate import SAME_OPTIMUM, problem_for
+from sma_sim.evidence.estimation.executors import in_turn
 from sma_sim.evidence.estimation.run_subset import from_subset, to_subset
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
@@ -56,6 +58,25 @@ def test_a_calibration_of_many_runs_ends_where_one_of_all_at_once_does(many, mon
     assert abs(found.cost - at_once.cost) < 0.1 * SAME_OPTIMUM  # descents end where the next step is predicted to gain less
     for name, value in at_once.values.items():
         assert found.values[name] == pytest.approx(value, rel=2e-3)
+
+
+def test_runs_are_linearized_a_few_at_a_time():
+    """So that memory does not grow with the number of runs: what is reduced as it comes is not kept."""
+    under_way, most = set(), 0
+
+    class Counting(ThreadPoolExecutor):
+        def submit(self, work, task):
+            nonlocal most
+            under_way.add(task)
+            most = max(most, len(under_way))
+            return super().submit(work, task)
+
+    with Counting(2) as pool:
+        found = []
+        for result in in_turn(pool, lambda task: task**2, iter(range(50))):
+            under_way.remove(len(found))
+            found.append(result)
+    assert found == [k**2 for k in range(50)] and most <= 4 and not under_way
 
 
 @pytest.mark.slow

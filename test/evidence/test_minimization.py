@@ -94,7 +94,7 @@ def linearize(problem, z, *_):
 def curves(monkeypatch):
     """Data with noise; the module under test sees these residuals in place of simulations."""
     monkeypatch.setattr(levenberg_marquardt, 'residuals_at', residuals_at)
-    monkeypatch.setattr(levenberg_marquardt, 'linearize', linearize)
+    monkeypatch.setattr(levenberg_marquardt, 'linearized_in_turn', linearize)
     random = np.random.default_rng(2)
     truth = np.array([[np.exp(-1.3 * TIMES) + 0.4 * TIMES + c] for c in (0.2, -0.7)])[:, 0]
     return Curves(truth + 0.1 * random.normal(size=(2, len(TIMES))))

@@ -21,6 +21,7 @@ from sma_sim.evidence.estimation.run_estimates import (
     cochran,
     disagreement,
     estimates_by_run,
+    reduced_run,
     score_overdispersion,
 )
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95
@@ -56,11 +57,15 @@ def refitted(z, linear, residuals):
     return z + step, moved
 
 
+def estimates_of(problem, z, linear):
+    return estimates_by_run(problem, z, [reduced_run(problem, z, *pair) for pair in zip(problem.runs, linear, strict=False)])
+
+
 def test_equal_recordings_agree_at_the_nominal_level(linear):
     problem, z, runs = linear
     random, p, agreeing = np.random.default_rng(0), [], 0
     for _ in range(300):
-        found = estimates_by_run(problem, *refitted(z, runs, [random.normal(size=run.residuals.shape) for run in runs]))
+        found = estimates_of(problem, *refitted(z, runs, [random.normal(size=run.residuals.shape) for run in runs]))
         p.append([parameter.p for parameter in found])
         agreeing += disagreement(found) is None
     assert agreeing >= 290  # 99 % but for chance
@@ -73,7 +78,7 @@ def test_a_recording_with_another_value_is_found_with_it(linear):
     random, k, shift = np.random.default_rng(1), FREE.index('wire.lambda'), 0.01
     residuals = [random.normal(size=run.residuals.shape) for run in runs]
     residuals[1] -= shift * runs[1].jacobian[k]
-    found = estimates_by_run(problem, *refitted(z, runs, residuals))
+    found = estimates_of(problem, *refitted(z, runs, residuals))
     worst = disagreement(found)
     assert worst is not None and (worst.name, worst.outlier.run) == ('wire.lambda', 'run2')
     others = np.mean([run.value for run in worst.runs if run.run != 'run2'])
@@ -90,7 +95,7 @@ def test_noise_beyond_the_stated_one_is_no_disagreement(linear):
     for _ in range(40):
         white = [3.0 * random.normal(size=run.residuals.shape) for run in runs]
         slow = [np.array([np.convolve(row, smooth, 'same') for row in rows]) for rows in white]
-        found = estimates_by_run(problem, *refitted(z, runs, slow))
+        found = estimates_of(problem, *refitted(z, runs, slow))
         agreeing += disagreement(found) is None
     assert agreeing >= 38
     assert score_overdispersion(problem.runs[0], slow[0], 0, robust=False) > 9.0 * 3.0
@@ -110,10 +115,10 @@ def test_independent_estimates_have_cochrans_q():
 def test_what_a_recording_does_not_see_is_not_compared(linear):
     problem, z, runs = linear
     blind = [replace(run, jacobian=run.jacobian * (np.arange(len(run.indices)) != 1)[:, None, None]) for run in runs[:2]]
-    found = estimates_by_run(problem, z, [*blind, runs[2]])[1]
+    found = estimates_of(problem, z, [*blind, runs[2]])[1]
     assert [run.seen for run in found.runs] == [False, False, True] and found.dof == 0 and np.isnan(found.p)
     assert by_run_data([found])['parameters']['wire.lambda']['p'] is None
-    assert estimates_by_run(problem, z, runs[:1]) == () and agreement_sentence(()) == '' and by_run_blocks(()) == []
+    assert estimates_of(problem, z, runs[:1]) == () and agreement_sentence(()) == '' and by_run_blocks(()) == []
 
 
 @pytest.mark.parametrize(('warmer', 'odd'), [(0.0, None), (2.0, 'run3')])

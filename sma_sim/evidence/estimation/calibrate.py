@@ -31,9 +31,9 @@ from sma_sim.evidence.estimation.materials import MATERIALS
 from sma_sim.evidence.estimation.nuisance_effects import starting_model, under_nuisance_priors, with_nuisance_names
 from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, implausible_parameters, reported_covariance
-from sma_sim.evidence.estimation.problem import Problem
-from sma_sim.evidence.estimation.residuals import fit_data
-from sma_sim.evidence.estimation.run_estimates import ParameterByRun, estimates_by_run
+from sma_sim.evidence.estimation.problem import LinearizedRun, Problem
+from sma_sim.evidence.estimation.residuals import FitData, fit_data
+from sma_sim.evidence.estimation.run_estimates import ParameterByRun, ReducedRun, estimates_by_run, reduced_run
 from sma_sim.evidence.estimation.run_subset import from_subset, run_subset
 from sma_sim.evidence.estimation.run_tangents import LOOSER, has_tangents
 from sma_sim.evidence.estimation.search_context import OnIteration, SearchContext, iteration_words, silent
@@ -42,9 +42,11 @@ from sma_sim.evidence.estimation.starting_values import shown_by_curves
 from sma_sim.evidence.estimation.stop_criteria import ALL_SAMPLES, FROM_PRIORS, WEAKLY_DAMPED, StopCriteria
 from sma_sim.evidence.estimation.uncertainty import (
     Interval,
+    RunInformation,
     Uncertainty,
     checked_by_runs,
-    precise_linearization,
+    information_of,
+    reduced_runs,
     uncertainty,
     with_other_minima,
 )
@@ -464,10 +466,12 @@ def final_calibration(dataset: Dataset, fit: FitResult, options: FitOptions, con
     found = calibration_of(last, context)
     known, by_run = None, tuple[ParameterByRun, ...]()
     if options.intervals and not context.stop.is_set():
-        job = partial(precise_linearization, last.problem, last.z, context.pool)
-        (linear,) = run_in_threads([job], context.stop)
-        known, by_run = uncertainty(last.problem, last.z, linear), estimates_by_run(last.problem, last.z, linear)
-        check = partial(checked_by_runs, known, last.problem, last.z, linear, context.pool)
+        job = partial(reduced_runs, last.problem, last.z, context.pool, partial(information_and_reduced, last))
+        (reduced,) = run_in_threads([job], context.stop)
+        informations = [information for information, _ in reduced]
+        known = uncertainty(last.problem, last.z, informations)
+        by_run = estimates_by_run(last.problem, last.z, [run for _, run in reduced])
+        check = partial(checked_by_runs, known, last.problem, last.z, informations, context.pool)
         (checked,) = run_in_threads([check], context.stop)
         known = with_other_minima(checked, last.other_starts)
     rtol = fit.problem.config.parameters['solver.rtol']
@@ -481,6 +485,11 @@ def final_calibration(dataset: Dataset, fit: FitResult, options: FitOptions, con
         implausible=implausible_of(last, known),
         by_run=by_run,
     )
+
+
+def information_and_reduced(fit: FitResult, data: FitData, run: LinearizedRun) -> tuple[RunInformation, ReducedRun]:
+    """What intervals and the estimates of single recordings need of one, linearized at the optimum of a fit."""
+    return information_of(data, run, fit.problem.robust), reduced_run(fit.problem, fit.z, data, run)
 
 
 def implausible_of(fit: FitResult, known: Uncertainty | None) -> tuple[ImplausibleParameter, ...]:

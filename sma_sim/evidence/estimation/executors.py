@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor, wait
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from importlib import import_module
@@ -18,6 +19,7 @@ from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import find_structures
 
 Result = TypeVar('Result')
+Task = TypeVar('Task')
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,20 @@ def workers_of(executor: Executor) -> int:
         return max(1, sum(int(threads) for threads in client.nthreads().values()))
     most: object = getattr(executor, '_max_workers', None)
     return most if isinstance(most, int) else os.cpu_count() or 1
+
+
+def in_turn(executor: Executor, work: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
+    """What `work` makes of each task, in their order, where only some more than the workers have are under way at once.
+
+    So results that are reduced as they come do not fill the memory, however many tasks there are.
+    """
+    under_way, most = deque[Future[Result]](), 2 * workers_of(executor)
+    for task in tasks:
+        under_way.append(executor.submit(work, task))
+        if len(under_way) >= most:
+            yield under_way.popleft().result()
+    while under_way:
+        yield under_way.popleft().result()
 
 
 def one_thread_for_linear_algebra() -> AbstractContextManager[object]:

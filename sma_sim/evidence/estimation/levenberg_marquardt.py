@@ -6,7 +6,7 @@ arrives. The prior, one in every coordinate, keeps them well conditioned.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
@@ -16,7 +16,14 @@ from scipy.linalg import LinAlgError, cholesky
 from scipy.optimize import lsq_linear
 
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.problem import HUBER_CORNER, LinearizedRun, Problem, better_steps, linearize, residuals_at
+from sma_sim.evidence.estimation.problem import (
+    HUBER_CORNER,
+    LinearizedRun,
+    Problem,
+    better_steps,
+    linearized_in_turn,
+    residuals_at,
+)
 from sma_sim.evidence.estimation.search_context import SearchContext, Stop
 from sma_sim.evidence.estimation.stop_criteria import StopCriteria
 from sma_sim.solver.simulate import SimulationError
@@ -96,7 +103,7 @@ def normal_equations(linear: LinearizedRun, robust: bool) -> NormalEquations:
     return NormalEquations(linear.indices, cost, jacobian @ residuals, jacobian @ jacobian.T)
 
 
-def accumulated(parts: Sequence[NormalEquations], z: Vector, tempering: float) -> QuadraticModel:
+def accumulated(parts: Iterable[NormalEquations], z: Vector, tempering: float) -> QuadraticModel:
     """Cost, gradient and Hessian of all runs and of the prior, a standard normal one in z; `tempering` as in a Problem."""
     prior = tempering**2
     cost, gradient, hessian = 0.5 * prior * float(z @ z), prior * z, prior * np.eye(len(z))
@@ -133,9 +140,9 @@ def cost_of(problem: Problem, by_run: Sequence[Matrix | None], z: Vector) -> flo
 
 def normal_parts(
     problem: Problem, z: Vector, executor: Executor, steps: Vector | None = None, central: bool = False
-) -> list[NormalEquations]:
-    """The normal equations of every run at z."""
-    return [normal_equations(linear, problem.robust) for linear in linearize(problem, z, executor, steps, central)]
+) -> Iterator[NormalEquations]:
+    """The normal equations of every run at z, one after the other."""
+    return (normal_equations(run, problem.robust) for run in linearized_in_turn(problem, z, executor, steps, central))
 
 
 def minimize(problem: Problem, z: Vector, criteria: StopCriteria, context: SearchContext, label: str = '') -> FitResult:
@@ -148,7 +155,8 @@ def minimize(problem: Problem, z: Vector, criteria: StopCriteria, context: Searc
     central, damping = criteria.central or problem.has_tangents, criteria.damping
     steps = measured_steps(problem, z, context.pool) if central else None
     for iteration in range(criteria.max_iterations):
-        linear = linearize(problem, z, context.pool, steps, central)
+        linear: Iterable[LinearizedRun] = linearized_in_turn(problem, z, context.pool, steps, central)
+        linear = list(linear) if criteria.secant else linear
         model = quadratic_model(problem, linear, z)
         cost = model[0]
         context.on_iteration(label, iteration, cost)
@@ -174,7 +182,7 @@ def minimize(problem: Problem, z: Vector, criteria: StopCriteria, context: Searc
 def secant_minimum(
     problem: Problem,
     z: Vector,
-    linear: Sequence[LinearizedRun],
+    linear: Iterable[LinearizedRun],
     limits: tuple[float, float],
     context: SearchContext,
     target: float = np.inf,
@@ -219,9 +227,9 @@ def is_too_slow(costs: Sequence[float], target: float) -> bool:
     return costs[-1] - target > left * (costs[-1 - PACE_STEPS] - costs[-1])
 
 
-def quadratic_model(problem: Problem, linear: Sequence[LinearizedRun], z: Vector) -> QuadraticModel:
+def quadratic_model(problem: Problem, linear: Iterable[LinearizedRun], z: Vector) -> QuadraticModel:
     """Cost, gradient and Hessian at z from linearised runs."""
-    return accumulated([normal_equations(run, problem.robust) for run in linear], z, problem.tempering)
+    return accumulated((normal_equations(run, problem.robust) for run in linear), z, problem.tempering)
 
 
 def secant_update(run: LinearizedRun, step: Vector, shown: Matrix, taken: bool) -> LinearizedRun:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 from math import isnan, nan
@@ -10,7 +10,7 @@ from math import isnan, nan
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.estimation.executors import PickledConfig, workers_of
+from sma_sim.evidence.estimation.executors import PickledConfig, in_turn, workers_of
 from sma_sim.evidence.estimation.free_parameters import FreeParameter, with_values
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
 from sma_sim.evidence.estimation.residuals import FitData, Nuisance, weighted_residuals
@@ -189,21 +189,29 @@ def linearize(
 
     Differences are one-sided or `central`; `steps` (n,) are theirs (None: DEFAULT_STEP). Bounds are kept.
     """
-    indices, shared, config = problem.indices(), np.arange(len(problem.shared)), problem.fitted(z)
-    submitted = {
-        k: executor.submit(linearized_by_tangents, tangent_task(problem, z, run, indices[k]))
-        for k, run in enumerate(problem.runs)
-        if tangents_apply(config, run)
-    }
-    found = {k: future.result() for k, future in submitted.items()}
-    linear = {k: LinearizedRun(indices[k], *run) for k, run in found.items() if run is not None}
-    missing = [k for k in range(len(problem.runs)) if k not in linear]
-    if missing:
-        own = replace(problem, runs=tuple(problem.runs[k] for k in missing))
-        at = np.concatenate([shared, *(indices[k][len(shared) :] for k in missing)])
-        others = linearize_by_differences(own, z[at], executor, steps if steps is None else steps[at], central)
-        linear |= {k: replace(other, indices=indices[k]) for k, other in zip(missing, others, strict=True)}
-    return [linear[k] for k in range(len(problem.runs))]
+    return list(linearized_in_turn(problem, z, executor, steps, central))
+
+
+def linearized_in_turn(
+    problem: Problem, z: Vector, executor: Executor, steps: Vector | None = None, central: bool = False
+) -> Iterator[LinearizedRun]:
+    """As `linearize`, one run after the other: derivatives of many runs would not fit into the memory at once."""
+    indices, config = problem.indices(), problem.fitted(z)
+    has_tangents = [tangents_apply(config, run) for run in problem.runs]
+    tasks = (
+        tangent_task(problem, z, run, at)
+        for run, at, applies in zip(problem.runs, indices, has_tangents, strict=True)
+        if applies
+    )
+    by_tangents = in_turn(executor, linearized_by_tangents, tasks)
+    for run, at, applies in zip(problem.runs, indices, has_tangents, strict=True):
+        found = next(by_tangents) if applies else None
+        if found is not None:
+            yield LinearizedRun(at, *found)
+        else:
+            own = replace(problem, runs=(run,))
+            (other,) = linearize_by_differences(own, z[at], executor, steps if steps is None else steps[at], central)
+            yield replace(other, indices=at)
 
 
 def tangent_task(problem: Problem, z: Vector, run: FitData, indices: NDArray[np.int64]) -> TangentTask:

@@ -87,14 +87,10 @@ class ReducedRun:
         return shared - covariance @ (self.gradient + shared), np.sqrt(np.diag(covariance))
 
 
-def estimates_by_run(problem: Problem, z: Vector, linear: Sequence[LinearizedRun]) -> tuple[ParameterByRun, ...]:
-    """Every shared unknown of a problem in each of its recordings; nothing of a single one.
-
-    `linear`: the recordings linearized at the optimum z (n,).
-    """
-    if len(linear) < MIN_COMPARED_RUNS:
+def estimates_by_run(problem: Problem, z: Vector, reduced: Sequence[ReducedRun]) -> tuple[ParameterByRun, ...]:
+    """Every shared unknown of a problem in each of its recordings, reduced at the optimum z (n,); empty for a single one."""
+    if len(reduced) < MIN_COMPARED_RUNS:
         return ()
-    reduced = [reduced_run(problem, z, run, part) for run, part in zip(problem.runs, linear, strict=True)]
     names, alone = [run.name for run in reduced], [run.alone(z) for run in reduced]
     found = []
     for k, unknown in enumerate(problem.shared):

@@ -9,9 +9,10 @@ channels too. docs/explanation/calibration.md derives it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +21,22 @@ from scipy.linalg import qr
 from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.evidence.estimation.fit_result import OtherStart
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, FreeParameter
-from sma_sim.evidence.estimation.levenberg_marquardt import cost_of, measured_steps, quadratic_model, robust_weights
+from sma_sim.evidence.estimation.levenberg_marquardt import (
+    NormalEquations,
+    accumulated,
+    cost_of,
+    measured_steps,
+    normal_equations,
+    robust_weights,
+)
 from sma_sim.evidence.estimation.overdispersion import autocorrelation_time, channel_overdispersion
-from sma_sim.evidence.estimation.problem import EvaluationTask, LinearizedRun, Problem, evaluate, linearize
+from sma_sim.evidence.estimation.problem import EvaluationTask, LinearizedRun, Problem, evaluate, linearized_in_turn
+from sma_sim.evidence.estimation.residuals import FitData
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
+Reduced = TypeVar('Reduced')
 JACOBIAN_RTOL = 1e-7  # of the simulations whose differences make the Jacobian
 PRIOR_INFORMATION = 1.0  # eigenvalue below which data say less of a direction than its prior
 MIN_COMPONENT = 0.15  # relative to the largest: smaller ones are left out of the sentence on a direction
@@ -115,37 +125,64 @@ class AmbientDifference:
     high: float
 
 
-def precise_linearization(problem: Problem, z: Vector, executor: Executor) -> list[LinearizedRun]:
-    """Every recording linearized at z as intervals need it, or at the tolerance of the fit.
+def reduced_runs(
+    problem: Problem, z: Vector, executor: Executor, reduce: Callable[[FitData, LinearizedRun], Reduced]
+) -> list[Reduced]:
+    """What `reduce` makes of every recording, linearized at z as intervals need it, or at the tolerance of the fit.
 
     A model at the edge of what can be run may run at one tolerance only. Raises SimulationError where it runs at neither.
     """
 
-    def linearized(at: Problem) -> list[LinearizedRun]:
-        return linearize(at, z, executor, measured_steps(at, z, executor), central=True)
+    def reduced(at: Problem) -> list[Reduced]:
+        linear = linearized_in_turn(at, z, executor, measured_steps(at, z, executor), central=True)
+        return [reduce(data, run) for data, run in zip(problem.runs, linear, strict=True)]
 
     try:
-        return linearized(problem.at_tolerance(JACOBIAN_RTOL))
+        return reduced(problem.at_tolerance(JACOBIAN_RTOL))
     except SimulationError:
-        return linearized(problem)
+        return reduced(problem)
 
 
-def uncertainty(problem: Problem, z: Vector, linear: Sequence[LinearizedRun]) -> Uncertainty:
-    """Intervals of the free parameters at z, at which the recordings were linearized."""
-    times = correlation_times(problem, linear)
+@dataclass(frozen=True)
+class RunInformation:
+    """What one recording says of its unknowns (n,), without their derivatives, which take more memory.
+
+    `by_channel` (channels, n, n): Gauss-Newton Hessians; `overdispersion` (channels,): of the residuals; `scores` (n, k):
+    derivatives of the cost of each instant; `correlation_times`: of the residuals by channel [samples].
+    """
+
+    equations: NormalEquations
+    by_channel: NDArray[np.float64]
+    overdispersion: Vector
+    scores: Matrix
+    correlation_times: Mapping[str, float]
+
+
+def information_of(data: FitData, run: LinearizedRun, robust: bool) -> RunInformation:
+    """What a linearized recording says."""
+    weights = robust_weights(run.residuals) if robust else np.ones_like(run.residuals)
+    jacobian, residuals = run.jacobian * weights, run.residuals * weights
+    return RunInformation(
+        normal_equations(run, robust),
+        np.einsum('uck,vck->cuv', jacobian, jacobian),
+        channel_overdispersion(data, residuals, len(run.indices)),
+        np.einsum('uck,ck->uk', jacobian, residuals),
+        {name: autocorrelation_time(row) for name, row in zip(data.channels, run.residuals, strict=True)},
+    )
+
+
+def uncertainty(problem: Problem, z: Vector, runs: Sequence[RunInformation]) -> Uncertainty:
+    """Intervals of the free parameters at z, by what each recording says there."""
+    times = correlation_times(runs)
     p = len(problem.free)
     regular = np.where(np.arange(len(z)) < p, BOUND_STDS**-2.0, 1.0)
     hessian, scattered, scores, said = (np.diag(regular) for _ in range(4))
-    for data, run in zip(problem.runs, linear, strict=True):
-        at = np.ix_(run.indices, run.indices)
-        weights = robust_weights(run.residuals) if problem.robust else np.ones_like(run.residuals)
-        jacobian, residuals = run.jacobian * weights, run.residuals * weights
-        by_channel = np.einsum('uck,vck->cuv', jacobian, jacobian)
-        factor = channel_overdispersion(data, residuals, len(run.indices))
-        hessian[at] += by_channel.sum(axis=0)
-        scattered[at] += np.einsum('c,cuv->uv', factor, by_channel)
-        said[at] += np.einsum('c,cuv->uv', 1.0 / factor, by_channel)
-        scores[at] += long_run(run, max(times.values()), problem.robust)
+    for run in runs:
+        at = np.ix_(run.equations.indices, run.equations.indices)
+        hessian[at] += run.by_channel.sum(axis=0)
+        scattered[at] += np.einsum('c,cuv->uv', run.overdispersion, run.by_channel)
+        said[at] += np.einsum('c,cuv->uv', 1.0 / run.overdispersion, run.by_channel)
+        scores[at] += long_run(run.scores, max(times.values()))
     inverse = np.linalg.inv(hessian)
     covariance = inverse @ scattered @ inverse
     variance = np.maximum(np.diag(covariance), np.diag(inverse @ scores @ inverse))
@@ -194,7 +231,7 @@ def interval(free: FreeParameter, z: float, std: float, seen: bool) -> Interval:
 
 
 def checked_by_runs(
-    known: Uncertainty, problem: Problem, z: Vector, linear: Sequence[LinearizedRun], executor: Executor
+    known: Uncertainty, problem: Problem, z: Vector, runs: Sequence[RunInformation], executor: Executor
 ) -> Uncertainty:  # fmt: skip
     """Intervals at whose ends the cost of runs of the model has risen; they reach further where it has not.
 
@@ -202,7 +239,8 @@ def checked_by_runs(
     is a point too, though the recordings fit as well far beyond it. At an end, with the other unknowns held or moved along,
     the cost is to have risen by a part of what the derivatives say.
     """
-    inverse, (low, high) = np.linalg.inv(quadratic_model(problem, linear, z)[2]), problem.limits()
+    hessian = accumulated((run.equations for run in runs), z, problem.tempering)[2]
+    inverse, (low, high) = np.linalg.inv(hessian), problem.limits()
     along, base = inverse / np.diag(inverse), costs_at(problem, [z], executor)[0]
     pairs = list(zip(problem.free, known.intervals, strict=True))
     first = np.array(
@@ -270,19 +308,17 @@ def correlations(covariance: Matrix) -> Matrix:
     return found
 
 
-def correlation_times(problem: Problem, linear: Sequence[LinearizedRun]) -> dict[str, float]:
+def correlation_times(runs: Sequence[RunInformation]) -> dict[str, float]:
     """By channel, the integrated autocorrelation time of the residuals in samples, the longest of all runs."""
     found: dict[str, float] = {}
-    for run, linearized in zip(problem.runs, linear, strict=True):
-        for name, row in zip(run.channels, linearized.residuals, strict=True):
-            found[name] = max(found.get(name, 1.0), autocorrelation_time(row))
+    for run in runs:
+        for name, time in run.correlation_times.items():
+            found[name] = max(found.get(name, 1.0), time)
     return found
 
 
-def long_run(linear: LinearizedRun, time: float, robust: bool) -> Matrix:
-    """Long-run covariance of the scores of one run: Bartlett's kernel, as sums over overlapping blocks (Newey, West)."""
-    residuals = linear.residuals * robust_weights(linear.residuals) ** 2 if robust else linear.residuals
-    scores = np.einsum('uck,ck->uk', linear.jacobian, residuals)
+def long_run(scores: Matrix, time: float) -> Matrix:
+    """Long-run covariance of scores (n, k): Bartlett's kernel, as sums over overlapping blocks (Newey, West)."""
     k = scores.shape[1]
     block = int(np.clip(4.0 * time, MIN_BLOCK, max(k // MIN_BLOCKS, 1)))
     padded = np.concatenate([np.zeros((len(scores), block)), np.cumsum(scores, axis=1)], axis=1)
