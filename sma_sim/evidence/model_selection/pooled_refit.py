@@ -20,7 +20,7 @@ from sma_sim.evidence.estimation.levenberg_marquardt import start_point
 from sma_sim.evidence.estimation.problem import linearize
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS
-from sma_sim.evidence.estimation.uncertainty import AmbientDifference, uncertainty
+from sma_sim.evidence.estimation.uncertainty import AmbientDifference, information_of, uncertainty
 from sma_sim.evidence.model_selection.criteria import CRITERIA, fits_all
 from sma_sim.evidence.model_selection.differing_recordings import AMBIENT, with_difference
 from sma_sim.evidence.model_selection.refit import refit
@@ -97,5 +97,9 @@ def errors_of(fit: FitResult, training: Dataset, context: SearchContext) -> Pool
     fits = run_fits(fit.problem, fit.z, context.pool)
     count = len(training.recordings)
     ambient = {run.name: run.ambient for run in fits if run.ambient_std > 0.0}
-    known = uncertainty(fit.problem, fit.z, linearize(fit.problem, fit.z, context.pool)).ambient if ambient else {}
+    known: Mapping[str, AmbientDifference] = {}
+    if ambient:
+        linear = linearize(fit.problem, fit.z, context.pool)
+        said = [information_of(data, run, fit.problem.robust) for data, run in zip(fit.problem.runs, linear, strict=True)]
+        known = uncertainty(fit.problem, fit.z, said).ambient
     return PooledErrors(pooled_error(fits[:count])[0], pooled_error(fits[count:])[0], ambient, known)
