@@ -18,14 +18,14 @@ class Estimate:
     ----------
     time : float
         When [s].
-    T, x_M, stress : array (wires,)
-        Temperatures [K], martensite fractions, stresses [Pa].
-    modes : array of int (wires,)
-        Modes of the hybrid automaton, 1 to 5; of MAS kinetics those that they look like.
-    covariance : array (3 wires, 3 wires)
-        Of T of all wires, then x_M, then stress.
-    strain : array (wires,)
-        Strains of the wires [-], which the pose tells.
+    T, x_M, stress : array
+        (wires,): temperatures [K], martensite fractions, stresses [Pa].
+    modes : array of int
+        (wires,): modes of the hybrid automaton, 1 to 5; of MAS kinetics those that they look like.
+    covariance : array
+        (3 wires, 3 wires): of T of all wires, then x_M, then stress.
+    strain : array
+        (wires,): strains of the wires [-], which the pose tells.
     inconsistency : float
         Running mean of the squared innovations over their variances: about 1 where the robot does what the filter expects,
         with the errors that it allows for; much more where it does not.
