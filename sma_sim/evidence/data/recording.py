@@ -86,7 +86,7 @@ def is_resistance(channel: str) -> bool:
     return channel.partition('_')[0] == 'R'
 
 
-@renamed(unpowered_side='unpowered_side')
+@renamed(lost_side='unpowered_side')
 @dataclass(frozen=True, eq=False, repr=False)
 class Recording(Shown, Saved, Comparable):
     """One run: what was measured, under which input.
