@@ -32,8 +32,8 @@ def parameter_file(config: Config, effect_paths: Sequence[str] = (), structure_p
     file; the latter are absolute unless they are given.
     """
     found = package_structures()
-    variants = {variant.name for each in found.values() for variant in each.structure.variants}
-    systems = list(dict.fromkeys([*(name for name in found if name not in variants), config.system]))
+    plain = (name for name, each in found.items() if not each.structure.variant_of)
+    systems = list(dict.fromkeys([*plain, config.system]))
     lines = [f'system: {config.system}  # {" | ".join(systems)}', f'model: {config.kinetics}  # {KINETICS}']
     settings = settings_of(config.structure.structure).items()
     for group, members in groups_of(config.structure.structure).items():

@@ -129,7 +129,7 @@ class Inputs:
         }
         for point, value in zip(points, self._applied_points, strict=True):
             values[f'{point.topic} applied'] = f'{value:g}'
-        if isinstance(command, WireCommands):
+        if isinstance(command, WireCommands) or points:
             refusals = [refusal for refusal in (command.refusal, *(point.refusal for point in points)) if refusal]
             values['last refused command'] = '; '.join(refusals) or 'none'
         return values
