@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import threading
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -14,15 +14,16 @@ from rclpy.node import Node
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from sma_sim.evidence.monitoring.causes import causes_for
-from sma_sim.evidence.monitoring.live_diagnosis import LiveDiagnosis, LiveFinding
 from sma_sim.evidence.monitoring.live_model import ComparedSample
 from sma_sim.model.config import Config
 from sma_sim.ros.messages import stamp_of
 from sma_sim.ros.qos import LAST_FEW, make_publisher
 
+if TYPE_CHECKING:  # a check runs without the packages that a diagnosis needs
+    from sma_sim.evidence.monitoring.live_diagnosis import LiveDiagnosis, LiveFinding
+
 Vector = NDArray[np.float64]
-SERVICE = '~/propose_command'
+SERVICE, PERIOD = '~/propose_command', 'check.diagnosis_period'
 
 
 class CauseWatch:
@@ -35,7 +36,7 @@ class CauseWatch:
         self._logger, self._said, self._stop = node.get_logger(), '', threading.Event()
         self.last: LiveFinding | None = None
         self.use(config)
-        if period > 0.0:
+        if self._period > 0.0:
             self._status = make_publisher(node, DiagnosticArray, 'diagnosis', LAST_FEW)
             self._json = make_publisher(node, String, 'diagnosis/json', LAST_FEW)
             node.create_service(Trigger, SERVICE, self._propose)
@@ -44,16 +45,26 @@ class CauseWatch:
     def use(self, config: Config) -> None:
         """Beside another model from now on; nothing is known of its past."""
         self._config, self.last = config, None
-        self._diagnosis = LiveDiagnosis(config, causes_for(config), self._noise)
+        self._diagnosis: LiveDiagnosis | None = None
+        if self._period > 0.0:
+            try:
+                from sma_sim.evidence.monitoring.causes import causes_for
+                from sma_sim.evidence.monitoring.live_diagnosis import LiveDiagnosis
+            except ImportError as error:
+                self._logger.warning(f'no causes of deviations are looked for: {error}; install it, or set {PERIOD} to 0')
+                self._period = 0.0
+            else:
+                self._diagnosis = LiveDiagnosis(config, causes_for(config), self._noise)
 
     def start(self, begin: int, first: Sequence[float]) -> None:
         """The model starts from rest at `begin` [ns] under its `first` input."""
         self.last = None
-        self._diagnosis.start(begin, first)
+        if self._diagnosis is not None:
+            self._diagnosis.start(begin, first)
 
     def add(self, sample: ComparedSample, predicted: Vector, judged: bool) -> None:
         """A measurement beside its prediction (channels,)."""
-        if self._period > 0.0:
+        if self._diagnosis is not None:
             self._diagnosis.add(sample, predicted, judged)
 
     def close(self) -> None:
@@ -63,7 +74,7 @@ class CauseWatch:
     def _watch(self) -> None:
         while not self._stop.wait(self._period):
             diagnosis = self._diagnosis
-            found = diagnosis.evaluate(self._stop.is_set)
+            found = None if diagnosis is None else diagnosis.evaluate(self._stop.is_set)
             if found is not None and diagnosis is self._diagnosis and not self._stop.is_set():
                 self.last = found
                 self._publish(found)
@@ -97,7 +108,7 @@ class CauseWatch:
         powers = [sign * most for _ in range(max(1, structure.wires // 2)) for sign in (1.0, -1.0)]
         if not structure.antagonistic:
             powers = [most] * structure.wires
-        found = self._diagnosis.deciding_command(powers)
+        found = None if self._diagnosis is None else self._diagnosis.deciding_command(powers)
         response.success = found is not None
         response.message = 'nothing to tell apart: fewer than two causes' if found is None else json.dumps(found.as_data())
         return response

@@ -7,7 +7,7 @@ import queue
 import threading
 import time
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,6 @@ from std_srvs.srv import Trigger
 
 from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.data.rosbag.interface import APPLIED
-from sma_sim.evidence.monitoring.live_diagnosis import LiveFinding
 from sma_sim.evidence.monitoring.live_model import (
     Announcements,
     ComparedSample,
@@ -41,6 +40,9 @@ from sma_sim.ros.robot_subscriptions import RobotSubscriptions, Sample, robot_to
 from sma_sim.solver.fixed_rate import FixedRateRun
 from sma_sim.solver.model import Model
 from sma_sim.solver.simulate import SimulationError
+
+if TYPE_CHECKING:
+    from sma_sim.evidence.monitoring.live_diagnosis import LiveFinding
 
 Vector = NDArray[np.float64]
 
