@@ -10,7 +10,7 @@ from sma_sim import Dataset, FitOptions, calibrate, module_input, predict
 from sma_sim.evidence.estimation import uncertainty
 from sma_sim.evidence.estimation.free_parameters import FreeParameter, choose_free
 from sma_sim.evidence.estimation.overdispersion import autocorrelation_time
-from sma_sim.evidence.estimation.problem import LinearizedRun, linearized_in_turn
+from sma_sim.evidence.estimation.problem import linearized_in_turn
 from sma_sim.evidence.estimation.uncertainty import JACOBIAN_RTOL, interval, long_run, unidentified
 from sma_sim.solver.simulate import SimulationError
 
@@ -177,9 +177,8 @@ def test_autocorrelation_time_of_an_autoregressive_series(memory):
 def test_long_run_covariance_of_scores(memory):
     """A constant sensitivity and AR(1) residuals: the variance of their sum."""
     series = autoregressive(memory, 40_000)
-    linear = LinearizedRun(np.array([0]), series[None, :], np.ones((1, 1, len(series))))
     expected = len(series) * (1.0 + memory) / (1.0 - memory)
-    assert long_run(linear, autocorrelation_time(series), robust=False)[0, 0] == pytest.approx(expected, rel=0.25)
+    assert long_run(series[None, :], autocorrelation_time(series))[0, 0] == pytest.approx(expected, rel=0.25)
 
 
 def autoregressive(memory, count):
