@@ -7,7 +7,7 @@ from types import ModuleType
 
 from sma_sim.model.errors import UserError
 
-PACKAGES = ('rosbags', 'mcap', 'plotly', 'pandas', 'xarray')  # modules that pip calls the same
+PACKAGES = ('rosbags', 'mcap', 'plotly', 'pandas', 'xarray', 'gymnasium')  # modules that pip calls the same
 
 
 def require(module: str, purpose: str) -> ModuleType:

@@ -25,6 +25,7 @@ ROOMS = (
     'challenge',
     'report',
     'workflow',
+    'gym',
     'ros',
     'explore',
     'cli.common',

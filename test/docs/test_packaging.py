@@ -73,6 +73,7 @@ UNDECLARED = {
     'llvmlite',
     'zstandard',
     'openpyxl',
+    'gymnasium',
 }
 KEYS = PYTHON | {'rosbags': 'python3-rosbags-pip', 'mcap': 'mcap-ros2-support'}
 
