@@ -206,13 +206,13 @@ def speeds_text(structure: Structure) -> str:
 
 def motion_text(structure: Structure, kernels: dict[str, Kernel]) -> str:
     """Source of the C function that stores dq/dt and dv/dt, under wires and effects."""
-    n, loads, first = len(structure.coordinates), len(structure.loads), constants_in(structure)
+    n, loads, first = len(structure.coordinates), structure.loads, constants_in(structure)
     lines = [
         f'obs, dy = carray(findings, {size_of_obs(structure)}), carray(out, {2 * n})',
         f'added = carray(effects, {effects_room(structure)})',
     ]
     if loads:
-        lines.append(f'u = U({", ".join(f"added[{k}]" for k in range(loads))})')
+        lines.append(f'u = U({", ".join(f"added[{structure.drives.index(load)}]" for load in loads)})')
     if structure.segment:
         return text_of(structure, 'motion', [*lines, *series_lines(structure, kernels)])
     lines += force_lines(structure, kernels)

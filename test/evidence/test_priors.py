@@ -51,7 +51,7 @@ def test_a_file_says_how_well_values_are_known(tmp_path):
 
 def test_words_and_python_say_it_too():
     assert read_config(words=['priors.beam.E=1e8']).priors == Config(priors={'beam.E': 1e8}).priors == {'beam.E': 1e8}
-    assert not Config().priors and 'priors' not in parameter_file(Config())
+    assert not Config().priors and 'priors:' not in parameter_file(Config())
     wire = Config(system='wire', priors={'wire.E_A': 1e9})
     assert wire.on_bench('wire_under_load').priors == {'wire.E_A': 1e9}
 

@@ -405,7 +405,8 @@ class Structure:
     @property
     def loads(self) -> tuple[Drive, ...]:
         """What is imposed, but for temperatures."""
-        return self.drives if self.imposed_temperature < 0 else self.drives[: self.imposed_temperature]
+        first = self.imposed_temperature
+        return self.drives if first < 0 else (*self.drives[:first], *self.drives[first + self.wires :])
 
     @property
     def has_own_columns(self) -> bool:
