@@ -56,5 +56,6 @@ def test_is_named_here(file):
         ROOT / 'test' / 'ros' / 'test_controller.py',
         ROOT / 'test' / 'ros' / 'test_launch.py',
         ROOT / 'test' / 'model' / 'test_structures.py',
+        ROOT / 'test' / 'gym' / 'test_gym.py',
     )
     assert any(file.stem in test.read_text() for test in tests)
