@@ -108,6 +108,7 @@ def test_less_is_asked_for_less_is_taken_away():
         (5.0, estimate(strain=(float('nan'), 0.04)), 0.0, 'no estimate'),
         (5.0, estimate(std=(25.0, 0.01, 1e6)), 0.0, 'uncertain estimate'),
         (5.0, estimate(std=(float('nan'), 0.01, 1e6)), 0.0, 'uncertain estimate'),
+        (5.0, estimate(std=(2.0, 0.01, float('nan'))), 0.0, 'no estimate'),
         (5.0, estimate(T=(420.0, 300.0)), 0.0, 'temperature'),
         (5.0, estimate(stress=(6e8, 1e8)), 0.0, 'stress'),
         (-5.0, estimate(stress=(6e8, 1e8)), 0.0, ''),

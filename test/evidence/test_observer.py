@@ -59,6 +59,20 @@ def robot():
 HEATING = ((0.0, 0.0), (11.0, 1.0), (3.0, 7.0), (-9.0, 11.0), (0.0, 17.0))
 
 
+@pytest.mark.parametrize('names', [POSE, POSE + FORCES])
+def test_a_robot_that_is_hot_at_the_start_is_not_taken_for_a_cold_one(names):
+    """It is not heated before it is known, and what is known then is no more certain than it is true."""
+    config, heating = Config(), ((9.0, 0.0),)
+    channels, T, _ = truth_of(config, heating, 13.0)
+    one, begin = Observer(config), int(9.0 * RATE)
+    assert T[begin, 0] > 340.0
+    for k in range(begin, len(T)):
+        found = one.update((k - begin) / RATE, 9.0, {name: channels[name][k] for name in names})
+        if k == begin:
+            assert found.T_std[0] > config.parameters['guard.T_std_max']
+    assert abs(found.T[0] - T[-1, 0]) < 2.5 * found.T_std[0] < 15.0
+
+
 @pytest.mark.parametrize('kinetics', ['hybrid', 'mas'])
 def test_the_derivatives_of_a_run_are_those_of_runs_beside_it(kinetics, monkeypatch):
     """Over transformations, their beginnings and ends, in states, fractions, a parameter, power and T_E; exact runs."""

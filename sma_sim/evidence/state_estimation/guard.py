@@ -169,7 +169,7 @@ class Guard:
         if not np.isfinite(asked).all():
             return 0.0, NOT_FINITE, f'J_eq = {", ".join(map(str, asked.tolist()))}: not a finite number'
         late = math.inf if estimate is None else time - estimate.time
-        known = estimate is not None and np.isfinite([*estimate.mean, *estimate.strain]).all()
+        known = estimate is not None and np.isfinite([*estimate.mean, *estimate.stress_std, *estimate.strain]).all()
         if estimate is None or not known or not abs(late) <= self._limits['silence']:
             return 0.0, UNKNOWN, f'there is no estimate of the last {self._limits["silence"]:g} s'
         most, T_std = self._limits['T_std_max'], estimate.T_std

@@ -14,6 +14,10 @@ The run that is linearised is not corrected: corrections are carried beside it, 
 from the estimate. A filter that linearises about every new estimate sees its parameters from many points, takes that for
 information about combinations of them that no measurement tells apart, and becomes sure of wrong values (Huang, Mourikis
 and Roumeliotis, Int. J. Robotics Research 29 (2010) 502, of the same in mapping).
+
+A robot is taken to be at rest at first. Where its first measurement says otherwise, temperatures and fractions are as
+uncertain as that makes them; and as long as innovations are larger than the filter expects, all that it says has so many
+times the variance (the ratio of Birge, Phys. Rev. 40 (1932) 207).
 """
 
 from __future__ import annotations
@@ -85,6 +89,7 @@ class Belief(NamedTuple):
     heating: tuple[float, ...]
     T_E: float
     inconsistency: float
+    is_corrected: bool  # by a measurement since the robot was taken to be at rest
 
 
 class Observer:
@@ -259,7 +264,7 @@ class Observer:
         at, wires, p = self._at, self._structure.wires, propagation.model.compiled
         self._size = at.count + len(self.channels)
         self._walk, self._decay, self._stationary = np.zeros((3, self._size))
-        temperatures = slice(p.first_T, p.first_T + wires)
+        temperatures = self._temperatures = slice(p.first_T, p.first_T + wires)
         self._fractions = slice(p.first_x, p.first_x + wires) if p.mas else at.fractions
         unit = propagation.scales[p.first_x] if p.mas else FRACTION_SCALE
         self._walk[temperatures] = (u['T_walk'] / propagation.scales[temperatures]) ** 2
@@ -293,7 +298,7 @@ class Observer:
                 column[at.fractions] = (beside.x_frozen - run.state.x_frozen) / FRACTION_SCALE / DELTA
         mean = np.zeros(self._size)
         mean[at.parameters.start : at.count] = reference.extra
-        return Belief(time, reference, run, mean, spread @ np.diag(self._at_start) @ spread.T, heating, T_E, 1.0)
+        return Belief(time, reference, run, mean, spread @ np.diag(self._at_start) @ spread.T, heating, T_E, 1.0, False)
 
     def _after(self, event: Event) -> Belief:
         """The belief after an event that follows those that there are beliefs of."""
@@ -305,6 +310,7 @@ class Observer:
             if event.T_E is not None and event.T_E != belief.T_E:
                 belief = self._start(first, event.time, belief.heating, event.T_E)
         if np.isfinite(event.measured).any():
+            belief = belief if belief.is_corrected else self._less_sure(belief, event.measured)
             belief = self._corrected(belief, event.measured)
         if event.heating is not None:
             belief = belief._replace(heating=event.heating)
@@ -359,8 +365,9 @@ class Observer:
         whole[:, : self._at.count] = derivatives
         return sample + derivatives @ self._beside(belief), whole
 
-    def _corrected(self, belief: Belief, measured: Vector) -> Belief:
-        """The belief after a measurement (channels,), NaN where there is none."""
+    def _innovation(self, belief: Belief, measured: Vector) -> tuple[Vector, Vector, Matrix, Matrix]:
+        """What is measured less what is expected, where it is not NaN (m,); its squares over their variances, its covariance
+        (m, m), and P H' (all that is estimated, m)."""
         there = np.flatnonzero(np.isfinite(measured))
         sample, derivatives = self._seen(belief)
         biases = self._at.count + there
@@ -369,9 +376,20 @@ class Observer:
         innovation = measured[there] - sample[self._shown[there]] - belief.mean[biases]
         gained = belief.covariance @ H.T
         expected = H @ gained + np.diag(self._noise[there] ** 2)
-        variances = np.diag(expected)
-        squares = innovation**2 / variances
-        expected = expected + np.diag(variances * np.maximum(squares / LARGEST_INNOVATION**2 - 1.0, 0.0))
+        return innovation, innovation**2 / np.diag(expected), expected, gained
+
+    def _less_sure(self, belief: Belief, measured: Vector) -> Belief:
+        """A first belief whose temperatures and fractions are as uncertain as a robot makes them that is not at rest."""
+        _, squares, _, _ = self._innovation(belief, measured)
+        states = np.r_[self._temperatures, self._fractions]
+        covariance = belief.covariance.copy()
+        covariance[states, states] *= max(1.0, float(np.mean(squares)))
+        return belief._replace(covariance=covariance)
+
+    def _corrected(self, belief: Belief, measured: Vector) -> Belief:
+        """The belief after a measurement (channels,), NaN where there is none."""
+        innovation, squares, expected, gained = self._innovation(belief, measured)
+        expected = expected + np.diag(np.diag(expected) * np.maximum(squares / LARGEST_INNOVATION**2 - 1.0, 0.0))
         gain = np.linalg.solve(expected, gained.T).T
         mean, covariance = belief.mean + gain @ innovation, belief.covariance - gain @ gained.T
         at = self._at.parameters
@@ -380,6 +398,7 @@ class Observer:
             mean=mean,
             covariance=0.5 * (covariance + covariance.T),
             inconsistency=self._running(belief, float(np.mean(squares))),
+            is_corrected=True,
         )
 
     def _running(self, belief: Belief, square: float) -> float:
@@ -408,7 +427,7 @@ class Observer:
     def _estimate_of(self, belief: Belief) -> Estimate:
         sample, derivatives = self._seen(belief)
         out = derivatives[self._outputs]
-        covariance = out @ belief.covariance @ out.T + np.diag(self._least)
+        covariance = max(1.0, belief.inconsistency) * (out @ belief.covariance @ out.T + np.diag(self._least))
         T, x_M, stress = sample[self._outputs].reshape(len(OUTPUTS), -1)
         values = belief.reference.propagation.model.config.parameters
         strain = np.array([one for one, _ in self._structure.strains(sample[self._length].tolist(), values)])
