@@ -84,7 +84,7 @@ class CauseWatch:
     def _publish(self, found: LiveFinding) -> None:
         data, words = json.dumps(found.as_data()), str(found)
         status = DiagnosticStatus(
-            level=DiagnosticStatus.WARN if found.has_changed else DiagnosticStatus.OK,
+            level=DiagnosticStatus.WARN if found.is_of_robot else DiagnosticStatus.OK,
             name=self._node.get_fully_qualified_name(),
             message=words,
             hardware_id='cause of a deviation',
@@ -96,7 +96,7 @@ class CauseWatch:
         self._json.publish(String(data=data))
         name = found.findings[0].name if found.has_changed else ''
         if name and name != self._said:
-            self._logger.warning(words)
+            (self._logger.warning if found.is_of_robot else self._logger.info)(words)
         elif self._said and not name:
             self._logger.info('the cause of a deviation is gone')
         self._said = name

@@ -77,6 +77,7 @@ def test_what_begins_is_named_with_its_instant_and_size(name, amounts):
     found = followed(name, amounts).evaluate()
     best = found.findings[0]
     assert (best.name, found.has_changed) == (name, True) and best.probability > 0.9
+    assert found.is_of_robot == (name != 'T_E')
     assert ONSET - 10.0 <= found.since / 1e9 - 1.0 <= ONSET + 10.0
     assert found.left < 1.15 < found.error
     ((parameter, amount),) = amounts.items()

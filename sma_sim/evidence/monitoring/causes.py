@@ -21,7 +21,7 @@ from sma_sim.evidence.monitoring.lost_wires import EFFECT as LOST_WIRES
 from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import FoundEffect
 
-COOLING = 'wire.lambda'
+COOLING, ROOM = 'wire.lambda', 'T_E'
 COOLING_STEP, AMBIENT_STEP = 0.15, 2.0  # of its logarithm: a fan, a draught, another posture; [K] of a room in a day
 
 
@@ -48,11 +48,12 @@ class Cause:
     candidate: Candidate | None = None
 
     def values(self, config: Config, amounts: Mapping[str, float]) -> dict[str, float]:
-        """The parameters of a configuration after the change, by full name (SI); `amounts`: from neutral."""
+        """The parameters of a configuration after the change, by full name (SI), within bounds; `amounts`: from neutral."""
         if self.candidate is not None:
             shape, declared = middle_of(self.candidate)[0].shape, self.candidate.found.effect.parameters
-            neutral = {p.name: shape.get(p.name, float(p.neutral or 0.0)) for p in declared}
-            return {f'effects.{self.name}.{name}': value + amounts.get(name, 0.0) for name, value in neutral.items()}
+            values = {p.name: shape.get(p.name, float(p.neutral or 0.0)) + amounts.get(p.name, 0.0) for p in declared}
+            within = {p.name: min(max(values[p.name], p.bounds[0]), p.bounds[1]) for p in declared}
+            return {f'effects.{self.name}.{name}': value for name, value in within.items()}
         if self.name == COOLING:
             return {COOLING: config.parameters[COOLING] * exp(amounts[COOLING])}
         return {}
@@ -66,7 +67,7 @@ class Cause:
 
     def ambient(self, amounts: Mapping[str, float]) -> float:
         """By how much the ambient temperature is another one than was said [K]."""
-        return amounts.get('T_E', 0.0)
+        return amounts.get(ROOM, 0.0)
 
 
 def causes_for(config: Config, folders: Iterable[Path] = ()) -> tuple[Cause, ...]:
@@ -85,7 +86,7 @@ def causes_for(config: Config, folders: Iterable[Path] = ()) -> tuple[Cause, ...
     causes = [effect_cause(one) for one in candidates if one.name not in constant]
     if COOLING in config.parameters:
         causes.append(Cause(COOLING, 'the cooling of the wires (wire.lambda)', {COOLING: (COOLING_STEP, -COOLING_STEP)}))
-    causes.append(Cause('T_E', 'the ambient temperature', {'T_E': (AMBIENT_STEP, -AMBIENT_STEP)}))
+    causes.append(Cause(ROOM, 'the ambient temperature', {ROOM: (AMBIENT_STEP, -AMBIENT_STEP)}))
     return tuple(causes)
 
 

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.monitoring.causes import Cause, one_way_each
+from sma_sim.evidence.monitoring.causes import ROOM, Cause, one_way_each
 from sma_sim.evidence.monitoring.deciding_command import ChangedModel, DecidingCommand, deciding_command
 from sma_sim.evidence.monitoring.live_model import ComparedSample
 from sma_sim.evidence.monitoring.past import BIN, CHECKPOINT, SHORTEST, STEP, Past, Window
@@ -79,6 +79,11 @@ class LiveFinding:
     def has_changed(self) -> bool:
         """Whether that something has changed is beyond what ties (`TIE`)."""
         return self.log_odds > TIE
+
+    @property
+    def is_of_robot(self) -> bool:
+        """Whether the robot has changed, and not only the room that it is in."""
+        return self.has_changed and self.findings[0].name != ROOM
 
     def as_data(self) -> dict[str, Any]:
         """For JSON: stamps in seconds."""

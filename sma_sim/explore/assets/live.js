@@ -102,7 +102,7 @@ export class RobotView {
     if (this.toldCause === told) return;
     this.toldCause = told;
     if (!last || !channels.length) { this.cause.replaceChildren(); return; }
-    const best = last.causes.find((one) => one.is_listed), words = element('p', { role: 'status', textContent: last.changed ? `The robot has ${last.words}.` : `Cause of a deviation: ${last.words}.` });
+    const best = last.causes[0]?.is_listed ? last.causes[0] : null, words = element('p', { role: 'status', textContent: last.changed ? `The robot has ${last.words}.` : `Cause of a deviation: ${last.words}.` });
     const parts = [words];
     if (last.changed && best) {
       const make = element('button', { type: 'button', id: 'use-cause', textContent: `Make a version with ${best.name}` });
