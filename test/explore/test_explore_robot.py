@@ -113,3 +113,21 @@ def test_without_a_robot_the_page_waits(browser, tmp_path):
             wait(browser, 'one.state === "ended"')
         finally:
             server.application.close()
+
+
+@pytest.mark.slow
+def test_what_has_changed_is_shown_and_a_version_with_it_follows(browser, tmp_path):
+    """A node with gravity beside a model without: its cause, and one click to a model that follows."""
+    with serving(tmp_path / 'session', words=(*WORDS, 'check.diagnosis_period=2')) as server:
+        try:
+            with ros_client.Simulation('-p', 'effects.active:=[gravity]', '-r', '__ns:=/robot_1') as robot:
+                browser.get(server.address)
+                listen(browser, robot)
+                until(browser, 'return document.getElementById("use-cause") !== null', seconds=PATIENCE)
+                assert 'gravity' in browser.find_element('id', 'robot-cause').text
+                browser.find_element('id', 'use-cause').click()
+                until(browser, 'return smaExplore.state.controls.active.includes("gravity")', seconds=PATIENCE)
+                wait(browser, 'one.model.version === 2 && one.causes.length > 0 && !one.causes.at(-1).changed')
+                until(browser, 'return document.getElementById("use-cause") === null', seconds=PATIENCE)
+        finally:
+            server.application.close()

@@ -105,7 +105,8 @@ class LiveFinding:
         likely = [one for one in self.findings if one.probability > math.exp(-TIE) * first.probability]
         said = ' or '.join(f'{one.words} ({100.0 * one.probability:.0f} %)' for one in likely if one.name != NOTHING)
         ago = (self.stamp - self.since) / 1e9
-        return f'changed since about {ago:.0f} s: {said}; normalized RMSE {self.error:.2f}, {self.left:.2f} with it'
+        errors = f'normalized RMSE of {BIN:g} s means {self.error:.2f}, {self.left:.2f} with it'
+        return f'changed since about {ago:.0f} s: {said}; {errors}'
 
 
 def finite_or_none(value: float) -> float | None:

@@ -122,12 +122,12 @@ export class Chart {
     canvas.setAttribute('aria-valuetext', [`${now.toPrecision(4)} s`, ...words].join(', '));
   }
 
-  /** Show curves `{x, y, colour, label, factor, offset, held, beside}`; `range` of x, or null for all; `shade`: a band of y; `mark`: a part of x. */
-  set({ curves = [], bands = [], label = '', xLabel = '', range = null, shade = null, mark = null }) {
+  /** Show curves `{x, y, colour, label, factor, offset, held, beside}`; `range` of x and `height` of y, or null for all; `shade`: a band of y; `mark`: a part of x. */
+  set({ curves = [], bands = [], label = '', xLabel = '', range = null, height = null, shade = null, mark = null }) {
     Object.assign(this, { curves, bands, label, xLabel, range, shade, mark });
     this.box.style.setProperty('--rows', String(bands.length));
     this.x = range ?? (curves.length ? extent(curves, 'x', (_, x) => x) : [0, 1]);
-    this.y = extent(curves, 'y', (curve, y) => curve.factor * y + curve.offset);
+    this.y = height ?? extent(curves, 'y', (curve, y) => curve.factor * y + curve.offset);
     this.canvas.setAttribute('aria-label', `${label} over ${xLabel || 'time [s]'}`);
   }
 

@@ -114,7 +114,7 @@ export class RobotView {
     const names = [...new Set(causes.flatMap((one) => one.causes.filter((cause) => cause.probability > 0.02 && cause.name !== 'nothing').map((cause) => cause.name)))].slice(0, 5);
     const begin = causes[0].stamp - last.stamp, chart = new Chart(this.cause, 'time');
     chart.set({
-      label: 'Probability of each cause; time before now [s]', range: [Math.min(begin, -1), 0],
+      label: 'Probability of each cause; time before now [s]', range: [Math.min(begin, -1), 0], height: [0, 1.05],
       curves: names.map((name, k) => ({ factor: 1, offset: 0, label: name, colour: COLOURS[k], x: causes.map((one) => one.stamp - last.stamp), y: causes.map((one) => one.probabilities[name] ?? 0) })),
     });
     chart.draw();
