@@ -30,13 +30,13 @@ from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.ros.cause_watch import CauseWatch
 from sma_sim.ros.command import ENVIRONMENT
-from sma_sim.ros.control import DIAGNOSTICS_PERIOD, Diagnostics
+from sma_sim.ros.control import Diagnostics
 from sma_sim.ros.entry import model_description
 from sma_sim.ros.graph_check import GraphCheck
 from sma_sim.ros.messages import Messages, array_layout, stamp_of
 from sma_sim.ros.parameters import follow_live_parameters
 from sma_sim.ros.qos import LAST_FEW, make_publisher
-from sma_sim.ros.robot_subscriptions import RobotSubscriptions, Sample, robot_topics
+from sma_sim.ros.robot_subscriptions import REMINDER_PERIOD, RobotSubscriptions, Sample, robot_topics
 from sma_sim.solver.fixed_rate import FixedRateRun
 from sma_sim.solver.model import Model
 from sma_sim.solver.simulate import SimulationError
@@ -47,7 +47,6 @@ if TYPE_CHECKING:
 Vector = NDArray[np.float64]
 
 POLL_PERIOD = 0.005  # [s] between two looks for samples
-REMINDER_PERIOD = 10.0  # [s] between two warnings while the model is away from the measurement, or nothing is measured
 AT_REST = 'Zero of a sensor, gravity or another load, or initial.*?'  # what is wrong then
 HISTORY = 300.0  # [s] of the past beside which a model that takes another's place is run
 SILENCE = 3.0  # [s] without a sample after which it is said: slower robots are not followed
@@ -128,18 +127,7 @@ class ModelCheck:
 
     def spin(self, stop: threading.Event) -> None:
         """Follow the robot until `stop` is set."""
-        diagnose_at = self._heard_at = time.monotonic()
-        while not stop.is_set():
-            self._replace_model()
-            for sample in self._robot.ready():
-                self._heard_at = time.monotonic()
-                self._take(sample)
-                if time.monotonic() >= diagnose_at:  # also while it lags behind
-                    break
-            if time.monotonic() >= diagnose_at:
-                diagnose_at += DIAGNOSTICS_PERIOD
-                self._diagnose()
-            time.sleep(POLL_PERIOD)
+        self._robot.follow(stop, self._take, self._diagnose, POLL_PERIOD, self._replace_model)
 
     def use(self, config: Config, model: Model) -> None:
         """Put another model of the same structure in the place of this one, beside the same past; any thread may ask."""
@@ -351,16 +339,11 @@ class ModelCheck:
             self._topics[topic].publish(Float64MultiArray(layout=layout, data=values.tolist()))
 
     def _diagnose(self) -> None:
-        silence = time.monotonic() - self._heard_at
         problems = [*self._graph_check.problems()]
         judged = not math.isinf(self._settled_at)
         if self._departure.left.any():
             problems.insert(0, self._departed())
-        if silence > SILENCE:
-            problems.append(f'no joint_states for {silence:.0f} s')
-            self._logger.warning(
-                'no joint_states: is the robot running, in this namespace?', throttle_duration_sec=REMINDER_PERIOD
-            )
+        problems += self._robot.silence(SILENCE)
         command, heating = self._robot.command_topic, self._robot.heating
         state = 'waiting for joint_states' if self._live is None else 'comparing' if judged else 'burn-in'
         left = self._departure.left.any()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import threading
-import time
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from sma_sim.evidence.state_estimation.estimate import Estimate
 from sma_sim.evidence.state_estimation.observer import Observer
 from sma_sim.model.config import Config
 from sma_sim.ros.command import ENVIRONMENT
-from sma_sim.ros.control import DIAGNOSTICS_PERIOD, Diagnostics
+from sma_sim.ros.control import Diagnostics
 from sma_sim.ros.entry import model_description
 from sma_sim.ros.graph_check import GraphCheck
 from sma_sim.ros.messages import Messages, stamp_of
@@ -27,7 +26,6 @@ from sma_sim.ros.robot_subscriptions import RobotSubscriptions, Sample, robot_to
 
 POLL_PERIOD = 0.002  # [s] between two looks for samples
 SILENCE = 1.0  # [s] without a sample after which it is said
-REMINDER_PERIOD = 10.0  # [s] between two warnings of that
 RESTART_AFTER = 10.0  # [s] by which stamps go back or forth after which the observer starts anew
 INCONSISTENT = 9.0  # squared innovation over its variance, in the mean: the robot is not what the observer takes it for
 PREFIX = 'estimated/'
@@ -78,17 +76,7 @@ class WireObserver:
 
     def spin(self, stop: threading.Event) -> None:
         """Follow the robot until `stop` is set."""
-        diagnose_at = self._heard_at = time.monotonic()
-        while not stop.is_set():
-            for sample in self._robot.ready():
-                self._heard_at = time.monotonic()
-                self._take(sample)
-                if time.monotonic() >= diagnose_at:  # also while it lags behind
-                    break
-            if time.monotonic() >= diagnose_at:
-                diagnose_at += DIAGNOSTICS_PERIOD
-                self._diagnose()
-            time.sleep(POLL_PERIOD)
+        self._robot.follow(stop, self._take, self._diagnose, POLL_PERIOD)
 
     def close(self) -> None:
         """Nothing is left behind."""
@@ -145,13 +133,7 @@ class WireObserver:
         self._topics[f'{PREFIX}wire_modes'].publish(self._messages.wire_modes(estimate.modes.tolist()))
 
     def _diagnose(self) -> None:
-        silence = time.monotonic() - self._heard_at
-        problems = [*self._graph_check.problems()]
-        if silence > SILENCE:
-            problems.append(f'no joint_states for {silence:.0f} s')
-            self._logger.warning(
-                'no joint_states: is the robot running, in this namespace?', throttle_duration_sec=REMINDER_PERIOD
-            )
+        problems = [*self._graph_check.problems(), *self._robot.silence(SILENCE)]
         values: dict[str, Any] = {}
         if self._samples and not math.isnan(self._observer.time):
             estimate = self._observer.estimate

@@ -7,6 +7,7 @@ that no clock but this computer's is compared with itself.
 from __future__ import annotations
 
 import math
+import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -29,12 +30,14 @@ from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import DEFAULTS
 from sma_sim.model.structures.structure import Structure
 from sma_sim.ros.command import WARNING_PERIOD, Ambient
+from sma_sim.ros.control import DIAGNOSTICS_PERIOD
 from sma_sim.ros.qos import LATEST
 from sma_sim.ros.wire_commands import SetPoint, heating_command
 
 Vector = NDArray[np.float64]
 Queue = deque[tuple[int, Any]]
 
+REMINDER_PERIOD = 10.0  # [s] between two warnings of what lasts
 MAX_QUEUED_MESSAGES = 10_000  # messages of a topic; older ones give way
 SENSOR_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)  # hears reliable publishers too
 COMMAND_DEPTH = 100
@@ -106,6 +109,7 @@ class RobotSubscriptions:
         self._warned_at: dict[str, float] = {}
         self.applied = [False] * columns  # whether the robot publishes what is in force in a column
         self._commanded = math.inf  # stamp [ns] of the last command that was asked for
+        self._ready_at = time.monotonic()
         self._heard: deque[Event] = deque()
         self._events: list[Event] = []
         self._samples: deque[Sample] = deque(maxlen=MAX_QUEUED_MESSAGES)
@@ -128,6 +132,41 @@ class RobotSubscriptions:
         """Samples that have waited for the latency, in the order of their arrival."""
         while self._samples and not 0 <= time.time_ns() - self._samples[0].arrival < self._latency:
             yield self._samples.popleft()
+
+    def follow(
+        self,
+        stop: threading.Event,
+        take: Callable[[Sample], None],
+        diagnose: Callable[[], None],
+        poll_period: float,
+        meanwhile: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Until `stop` is set `take` every sample that is ready, and `diagnose` once a second, also while it lags behind.
+
+        `meanwhile` is called between two looks for samples, which are `poll_period` [s] apart.
+        """
+        diagnose_at = self._ready_at = time.monotonic()
+        while not stop.is_set():
+            meanwhile()
+            for sample in self.ready():
+                self._ready_at = time.monotonic()
+                take(sample)
+                if time.monotonic() >= diagnose_at:
+                    break
+            if time.monotonic() >= diagnose_at:
+                diagnose_at += DIAGNOSTICS_PERIOD
+                diagnose()
+            time.sleep(poll_period)
+
+    def silence(self, longest: float) -> list[str]:
+        """What is wrong where no sample was ready for more than `longest` [s], which the log says too."""
+        silence = time.monotonic() - self._ready_at
+        if silence <= longest:
+            return []
+        self._logger.warning(
+            'no joint_states: is the robot running, in this namespace?', throttle_duration_sec=REMINDER_PERIOD
+        )
+        return [f'no joint_states for {silence:.0f} s']
 
     def forget_commands(self) -> None:
         """Forget the last command: the stamps start again."""
