@@ -92,6 +92,12 @@ def test_signs_of_comments(tmp_path, sign):
     check_plain(read(tmp_path, table(TIME, POWER, POSITION, header=('%time', *NAMES[1:])), "time_s: '%time'\n"))
 
 
+def test_a_decimal_comma_in_a_comment_is_none_of_the_numbers(tmp_path):
+    (recording,) = read(tmp_path, table(TIME, POWER, POSITION, separator='\t', above='# gain 0,5 at 1,234 rpm\n'))
+    check_plain([recording], 'separated by tabs')
+    assert 'decimals have commas' not in ' | '.join(recording.notes)
+
+
 def test_row_numbers_count_every_line(tmp_path):
     text = table(TIME, POWER, POSITION, above='# one\n# two\n', below='s,W,m\n') + '10,0,warm\n'
     refused(tmp_path, text, '', f'row {COUNT + 5}, column position_m')

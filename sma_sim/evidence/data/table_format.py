@@ -54,8 +54,7 @@ class TableFormat:
 
     def plain(self, text: str) -> str:
         """Whole lines with commas between cells and points in decimals, and no comments."""
-        if any(sign in text for sign in COMMENTS):
-            text = COMMENT_LINE.sub('', text)
+        text = without_comments(text)
         if self.separator == ',':
             return text
         signs: dict[str, str | int | None] = {',': '.', '.': FOREIGN_POINT} if self.decimal_comma else {',': FOREIGN_COMMA}
@@ -149,6 +148,11 @@ def without_brackets(cell: str) -> str:
     return re.sub(r'^[\[(](.*)[\])]$', r'\1', cell).strip()
 
 
+def without_comments(text: str) -> str:
+    """Whole lines, those that are comments empty."""
+    return COMMENT_LINE.sub('', text) if any(sign in text for sign in COMMENTS) else text
+
+
 def has_decimal_commas(path: Path, file: IO[str], separator: str) -> bool:
     """Whether the numbers have commas; the file is not separated by commas. Raises UserError where nobody can tell."""
     edge = re.escape(separator)
@@ -156,7 +160,7 @@ def has_decimal_commas(path: Path, file: IO[str], separator: str) -> bool:
     ambiguous = ''
     while text := file.read(BLOCK_SIZE):
         text += file.readline(MAX_LINE_LENGTH)
-        for found in number.finditer(text):
+        for found in number.finditer(without_comments(text)) if ',' in text else ():
             if not THOUSANDS.fullmatch(found.group()):
                 return True
             ambiguous = ambiguous or found.group()
