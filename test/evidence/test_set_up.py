@@ -202,12 +202,36 @@ def test_no_effect_is_searched_for_where_it_is_not_known_what_is_wrong(runs, mon
     module = 'sma_sim.evidence.diagnosis.diagnose.faults_before_fits'
     open_fault = Fault('sign', ('alpha',), corrected=False, alternatives=((Fault('sign', ('U_y',)),),))
     monkeypatch.setattr(module, lambda *_: (open_fault,))
-    found = diagnosed(runs)
+    found = diagnosed(replace(runs, floor=runs.noise_std))  # with which runs are searched together, where that may tell
     text = list(as_text(found))
     assert found.verdict == 'unknown_effect' and found.effects == () and found.proposal is None
+    assert found.together is None
     assert text[0] == 'The set-up has to be mended first; no effect was searched for.'
     assert 'alpha has the opposite sign, or U_y has the opposite sign: these recordings do not say which' in text[1]
     assert isinstance(found.posterior.none, float) and len(found.posterior.models) == 1
+
+
+@pytest.mark.parametrize('stated', ['as the columns are called', 'as the samples scatter'])
+def test_channels_that_are_exchanged_keep_their_noise(runs, stated):
+    """Noise that was estimated belongs to the samples; noise that somebody stated, to the name of the channel."""
+    noisy = {name: std * (10.0 if name == 'F_2' else 1.0) for name, std in runs.noise_std.items()}
+    fault, random = Fault('swap', FORCES), np.random.default_rng(3)
+    recordings = []
+    for one in runs.recordings:
+        added = random.normal(scale=np.sqrt(99.0) * runs.noise_std['F_2'], size=len(one.time))
+        recordings.append(replace(one, channels={**one.channels, 'F_2': one.channels['F_2'] + added}))
+    wrong = with_fault(replace(runs, recordings=tuple(recordings), noise_std=noisy), fault)
+    if stated == 'as the samples scatter':
+        wrong = replace(wrong, noise_std={**noisy, 'F_1': noisy['F_2'], 'F_2': noisy['F_1']})
+    right = corrected(wrong, [fault])
+    assert {name: pytest.approx(std) for name, std in right.noise_std.items()} == noisy
+
+
+def test_what_repeats_differ_by_stays_where_a_unit_is_corrected(runs):
+    """Samples say nothing of it, and it is in SI units."""
+    differing = replace(runs, noise_std={**runs.noise_std, 'alpha': 0.01}, floor={'alpha': 0.01})
+    fault = Fault('unit', ('alpha',), np.pi / 180.0, 'degrees')
+    assert corrected(with_fault(differing, fault), [fault]).noise_std == differing.noise_std
 
 
 def test_recordings_without_samples_of_a_channel_are_checked_too(runs):

@@ -2,12 +2,14 @@
 
 import sys
 from datetime import datetime, timedelta
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
 
 from sma_sim.evidence.data.recordings import read_recording
 from sma_sim.evidence.data.sources import recordings_in
+from sma_sim.evidence.data.workbook import workbook_text
 from sma_sim.model.errors import UserError
 from sma_sim.solver.inputs import inputs_at
 
@@ -88,6 +90,12 @@ def test_comments_and_a_header_in_one(tmp_path):
 def test_signs_of_comments(tmp_path, sign):
     check_plain(read(tmp_path, table(TIME, POWER, POSITION, above=f'{sign}bench 3\n')), 'are comments')
     check_plain(read(tmp_path, table(TIME, POWER, POSITION, header=('%time', *NAMES[1:])), "time_s: '%time'\n"))
+
+
+def test_a_decimal_comma_in_a_comment_is_none_of_the_numbers(tmp_path):
+    (recording,) = read(tmp_path, table(TIME, POWER, POSITION, separator='\t', above='# gain 0,5 at 1,234 rpm\n'))
+    check_plain([recording], 'separated by tabs')
+    assert 'decimals have commas' not in ' | '.join(recording.notes)
 
 
 def test_row_numbers_count_every_line(tmp_path):
@@ -216,6 +224,38 @@ def test_workbooks(tmp_path, dated):
     path.write_bytes(b'PK no workbook')
     with pytest.raises(UserError, match='no Excel workbook.*save the sheet as CSV'):
         read_recording(path, 'slider', 298.0, way)
+
+
+def test_broken_workbooks_are_refused_or_read(tmp_path):
+    openpyxl = pytest.importorskip('openpyxl')
+    book, path, random = openpyxl.Workbook(), tmp_path / 'run.xlsx', np.random.default_rng(1)
+    for row in [NAMES, *zip(TIME.tolist(), POWER.tolist(), POSITION.tolist(), strict=True)]:
+        book.active.append(row)
+    book.save(path)
+    whole, outcomes = path.read_bytes(), set()
+    with ZipFile(path) as archive:
+        parts = {name: archive.read(name) for name in archive.namelist()}
+    for k in range(120):
+        broken = tmp_path / f'{k}.xlsx'
+        if k % 2:
+            broken.write_bytes(with_wrong_bytes(whole, random))
+        else:  # a sound archive
+            with ZipFile(broken, 'w') as archive:
+                for name, part in parts.items():
+                    archive.writestr(name, with_wrong_bytes(part, random) if random.random() < 0.5 else part)
+        try:
+            outcomes.add(type(workbook_text(broken, k)))
+        except UserError as error:
+            outcomes.add(type(error))
+            assert 'save the sheet as CSV' in str(error)
+    assert outcomes == {str, UserError}
+
+
+def with_wrong_bytes(content, random):
+    wrong = bytearray(content)
+    for at in random.integers(len(wrong), size=random.integers(1, 4)):
+        wrong[at] = random.integers(256)
+    return bytes(wrong)
 
 
 def test_workbooks_without_their_package(tmp_path, monkeypatch):

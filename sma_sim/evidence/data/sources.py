@@ -143,14 +143,14 @@ def check_header(path: Path, header: Sequence[str]) -> None:
 def check_units_row(path: Path, written: TableFormat, origins: Mapping[str, Origin]) -> None:
     """Raise UserError where the row of units says another unit than the column's name, and no map converts."""
     for name, entry in origins.items():
-        factors = [written.units.get(column, '').strip('[]()') for column in (entry.column, entry.times) if column]
+        factors = [written.units.get(column, '') for column in (entry.column, entry.times) if column]
         prefixed = [unit for unit in factors if unit == '%' or unit in ('mA', 'mV', 'mW', 'mohm')]
         if entry.times is not None and entry.scale == 1.0 and prefixed:
             raise UserError(
                 f'{path}: the row of units says {prefixed[0]}, and {name} is a product without a scale; say one in the map: '
                 f'{name}: {{column: {entry.column}, times: {entry.times}, scale: {0.01 if prefixed[0] == "%" else 0.001:g}}}'
             )
-        given = re.sub(r'^[\[(](.*)[\])]$', r'\1', written.units.get(entry.column or '', '')).strip()
+        given = written.units.get(entry.column or '', '')
         unit = SPELLINGS.get(given, given)
         if not unit or unit == '1' or entry.converts:
             continue

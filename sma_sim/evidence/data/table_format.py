@@ -29,7 +29,7 @@ THOUSANDS = re.compile(r'[-+]?[1-9]\d{0,2},\d{3}')  # a decimal comma, or a sepa
 class TableFormat:
     """The names in the header, the sign between cells, and how many lines stand before the numbers.
 
-    `units`: by column, what a row of units below the header says.
+    `units`: by column, what a row of units below the header says, without brackets.
     """
 
     header: Sequence[str]
@@ -54,8 +54,7 @@ class TableFormat:
 
     def plain(self, text: str) -> str:
         """Whole lines with commas between cells and points in decimals, and no comments."""
-        if any(sign in text for sign in COMMENTS):
-            text = COMMENT_LINE.sub('', text)
+        text = without_comments(text)
         if self.separator == ',':
             return text
         signs: dict[str, str | int | None] = {',': '.', '.': FOREIGN_POINT} if self.decimal_comma else {',': FOREIGN_COMMA}
@@ -96,8 +95,9 @@ def format_of_lines(path: Path, file: IO[str]) -> TableFormat:
     commented = cells_of_line(comments[-1].lstrip('#/% \t'), separator) if comments else []
     if all(is_number(cell.replace(',', '.')) for cell in header) and len(commented) == len(header) > 1:
         header, following, passed, before = commented, line, 0, before - 1  # the header is the last comment
-    units = dict(zip(header, cells_of_line(following, separator), strict=False)) if following else {}
-    if len(units) != len(header) or not are_units(list(units.values())):
+    below = cells_of_line(following, separator) if following else []
+    units = dict(zip(header, map(without_brackets, below), strict=False))
+    if len(units) != len(header) or not are_units(below[: len(header)]):
         units, passed = {}, 0
     if separator == ',':
         return TableFormat(header, before + passed, has_comments=bool(comments or later), units=units)
@@ -137,10 +137,20 @@ def cells_of_line(line: str, separator: str) -> list[str]:
 
 def are_units(cells: Sequence[str]) -> bool:
     """Whether a row holds units, some of them in brackets, and no number."""
-    inner = [re.sub(r'^[\[(](.*)[\])]$', r'\1', cell).strip() for cell in cells]
+    inner = [without_brackets(cell) for cell in cells]
     known = {unit for units in UNITS.values() for unit in units} | set(SPELLINGS) | {'', '1', 'V', 'A', 'mA', 'mV'}
     fine = all(one in known or one != cell for one, cell in zip(inner, cells, strict=True))
     return fine and not any(is_number(cell) for cell in cells) and any(one not in ('', '-') for one in inner)
+
+
+def without_brackets(cell: str) -> str:
+    """A unit without the brackets around it."""
+    return re.sub(r'^[\[(](.*)[\])]$', r'\1', cell).strip()
+
+
+def without_comments(text: str) -> str:
+    """Whole lines, those that are comments empty."""
+    return COMMENT_LINE.sub('', text) if any(sign in text for sign in COMMENTS) else text
 
 
 def has_decimal_commas(path: Path, file: IO[str], separator: str) -> bool:
@@ -150,7 +160,7 @@ def has_decimal_commas(path: Path, file: IO[str], separator: str) -> bool:
     ambiguous = ''
     while text := file.read(BLOCK_SIZE):
         text += file.readline(MAX_LINE_LENGTH)
-        for found in number.finditer(text):
+        for found in number.finditer(without_comments(text)) if ',' in text else ():
             if not THOUSANDS.fullmatch(found.group()):
                 return True
             ambiguous = ambiguous or found.group()

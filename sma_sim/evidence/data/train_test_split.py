@@ -80,3 +80,8 @@ def hold_out_last(dataset: Dataset, held_out: Dataset | None) -> tuple[Dataset, 
         return training, None
     *rest, last = training.recordings
     return replace(dataset, recordings=tuple(rest)), replace(dataset, recordings=(last,))
+
+
+def pooled(training: Dataset, held_out: Dataset | None) -> Dataset:
+    """All recordings together."""
+    return replace(training, recordings=(*training.recordings, *(held_out.recordings if held_out else ())))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import zlib
 from collections.abc import Iterable
 from datetime import datetime
 from functools import lru_cache
@@ -14,6 +15,8 @@ from zipfile import BadZipFile
 from sma_sim.model.errors import UserError
 
 SUFFIX = '.xlsx'
+# What broken workbooks make openpyxl, and the parsers of ZIP and XML below it, stumble over.
+BROKEN = (BadZipFile, zlib.error, OSError, EOFError, NotImplementedError, SyntaxError, LookupError, TypeError, ValueError)
 
 
 def open_text(path: Path) -> IO[str]:
@@ -25,18 +28,18 @@ def open_text(path: Path) -> IO[str]:
 
 @lru_cache(maxsize=1)
 def workbook_text(path: Path, changed: int) -> str:
-    """The only sheet of a workbook that was last `changed` [ns] as text of CSV. Raises UserError."""
+    """The only sheet of a workbook that was last `changed` [ns] as text of CSV. Raises UserError and OSError."""
     try:
         import openpyxl
     except ImportError as error:
         raise UserError(
             f'{path} is an Excel workbook, which needs a package: pip install openpyxl, or save the sheet as CSV'
         ) from error
+    content = io.BytesIO(path.read_bytes())
     try:
-        book = openpyxl.load_workbook(path, read_only=True, data_only=True)
+        book = openpyxl.load_workbook(content, read_only=True, data_only=True)
         sheets = {sheet.title: text_of_rows(sheet.iter_rows(values_only=True)) for sheet in book.worksheets}
-        book.close()
-    except (BadZipFile, KeyError, ValueError) as error:
+    except BROKEN as error:
         raise UserError(f'{path} is no Excel workbook: {error}; save the sheet as CSV') from error
     full = {title: text for title, text in sheets.items() if text}
     if len(full) > 1:

@@ -13,7 +13,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 
 from sma_sim.evidence.data.recording import Dataset
-from sma_sim.evidence.data.train_test_split import hold_out_last
+from sma_sim.evidence.data.train_test_split import hold_out_last, pooled
 from sma_sim.evidence.diagnosis.conclusion import HeldOutVerdict, conclusion, verdicts_by_run
 from sma_sim.evidence.diagnosis.model_stage import ModelStage, StageData, StageKind
 from sma_sim.evidence.estimation.calibrate import Calibration, check, kinetics_to_try, on_leading_bench
@@ -35,7 +35,7 @@ from sma_sim.evidence.search.posterior import Posterior, posterior_of
 from sma_sim.evidence.search.refine import on_run_subset, with_all_runs
 from sma_sim.evidence.search.steps import SelectionStep, path_to, steps_along
 from sma_sim.evidence.set_up.check import faults_after_fit, faults_before_fits, is_uncertain
-from sma_sim.evidence.set_up.faults import Fault, pooled, without_faults
+from sma_sim.evidence.set_up.faults import Fault, without_faults
 from sma_sim.model.archive import Saved
 from sma_sim.model.config import Config
 from sma_sim.model.progress import progress_in_words
@@ -244,26 +244,33 @@ def diagnose(
         config = starting_model(training, given) if faults else config
         found = search_effects(StageData(training, held_out, request.options), config, request, context, faults)
         if training.floor and held_out is not None:
-            found = searched_together(found, training, held_out, config, request, context)
+            found = searched_together(found, (training, held_out), config, request, context, faults)
         interrupted = stop.is_set()
     return replace(found, interrupted=interrupted, seconds=time.perf_counter() - t_start)
 
 
 def searched_together(
-    found: Diagnosis, training: Dataset, held_out: Dataset, config: Config, request: DiagnosisRequest, context: SearchContext
-) -> Diagnosis:  # fmt: skip
-    """With the diagnosis of all recordings where those fitted do not tell: one held out may be the only one that cools."""
-    if found.verdict != 'unknown_effect' or context.stop.is_set():
+    found: Diagnosis,
+    data: tuple[Dataset, Dataset],
+    config: Config,
+    request: DiagnosisRequest,
+    context: SearchContext,
+    faults: tuple[Fault, ...],
+) -> Diagnosis:
+    """With the diagnosis of all recordings where those fitted do not tell: one held out may be the only one that cools.
+
+    `data`: the fitted and the held-out recordings without `faults`. None where it is open what is wrong with them.
+    """
+    if found.verdict != 'unknown_effect' or is_uncertain(found.set_up) or context.stop.is_set():
         return found
     context.on_progress('the held-out runs are not explained: searching all runs together')
-    joint = search_effects(
-        StageData(pooled(training, held_out), None, request.options), config, replace(request, equation=False), context
-    )
+    everything = StageData(pooled(*data), None, request.options)
+    joint = search_effects(everything, config, replace(request, equation=False), context, faults)
     return found if context.stop.is_set() else replace(found, together=joint)
 
 
 def search_effects(
-    data: StageData, config: Config, request: DiagnosisRequest, context: SearchContext, faults: tuple[Fault, ...] = ()
+    data: StageData, config: Config, request: DiagnosisRequest, context: SearchContext, faults: tuple[Fault, ...]
 ) -> Diagnosis:
     """The whole search; its time, and whether it was interrupted, are still open.
 

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from sma_sim.evidence.data.recording import Dataset
+from sma_sim.evidence.data.train_test_split import pooled
 from sma_sim.evidence.estimation.calibrate import (
     SAME_OPTIMUM,
     Calibration,
@@ -133,7 +134,7 @@ class StageData:
     def differences(self, fit: FitResult, context: SearchContext) -> tuple[RecordingDifference, ...]:
         """What differs between the recordings in a model, the held-out ones among them."""
         data = self.under(fit, context)
-        recordings = [*data.training.recordings, *(data.held_out.recordings if data.held_out else ())]
+        recordings = pooled(data.training, data.held_out).recordings
         sides = {one.name: one.unpowered_side for one in recordings if one.unpowered_side}
         return tuple(
             replace(difference, recordings=tuple(name for name, side in sides.items() if side == difference.unpowered_side))

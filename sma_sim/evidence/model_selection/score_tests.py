@@ -21,7 +21,6 @@ from sma_sim.evidence.model_selection.candidates import Candidate, Probe, at_ins
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 
 Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

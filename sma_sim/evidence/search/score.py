@@ -63,17 +63,20 @@ class Evidence:
     def score(self, k: float, left_out: int | None = None) -> float:
         """The log posterior under an overdispersion k, up to a constant that all models share; without one run, if any."""
         weight, kept = 1.0 / k**2, [run for run in range(len(self.parts)) if run != left_out]
-        squares, _, hessian = self._sums(kept)
+        squares, gradient, hessian = self._sums(kept)
         profiled = sum(float(np.log1p(weight * self.profiled[run]).sum()) for run in kept)
-        value = -0.5 * weight * squares - 0.5 * float(self.z @ self.z) + self.gain(k, left_out)
+        value = -0.5 * weight * squares - 0.5 * float(self.z @ self.z) + self._gain(weight, gradient, hessian)
         width = self.width[self.free]
         narrowed = np.eye(len(width)) + weight * hessian * np.outer(width, width)
         return value - 0.5 * float(np.linalg.slogdet(narrowed)[1]) - 0.5 * profiled + self.log_prior
 
-    def gain(self, k: float, left_out: int | None = None) -> float:
+    def gain(self, k: float) -> float:
         """What the optimum for k has before the point where the fit ended, to second order."""
-        weight, kept = 1.0 / k**2, [run for run in range(len(self.parts)) if run != left_out]
-        _, gradient, hessian = self._sums(kept)
+        _, gradient, hessian = self._sums(range(len(self.parts)))
+        return self._gain(1.0 / k**2, gradient, hessian)
+
+    def _gain(self, weight: float, gradient: Vector, hessian: Matrix) -> float:
+        """The same for sums of some runs, which count with a weight."""
         z = self.z[self.free]
         pull = weight * gradient + z
         return 0.5 * float(pull @ np.linalg.solve(np.eye(len(z)) + weight * hessian, pull))
@@ -122,7 +125,7 @@ def evidence_at(problem: Problem, z: Vector, linear: Sequence[LinearizedRun], lo
     width, cost = realism(problem, z)
     return Evidence(
         z, off_bounds(problem, z, slope), width, parts, profiled_information(problem), log_prior - cost,
-        overdispersion_of(problem, linear), unlisted_evidence(linear),
+        overdispersion_of(problem, [run.residuals for run in linear]), unlisted_evidence(linear),
     )  # fmt: skip
 
 
@@ -167,10 +170,11 @@ def profiled_information(problem: Problem) -> tuple[Vector, ...]:
     )
 
 
-def overdispersion_of(problem: Problem, linear: Sequence[LinearizedRun]) -> float:
-    """Root mean square of the residuals times the root of their longest correlation time [samples], at least 1."""
-    squares = sum(float(np.vdot(run.residuals, run.residuals)) for run in linear)
-    longest = max(autocorrelation_time(row) for run in linear for row in run.residuals)
+def overdispersion_of(problem: Problem, residuals: Sequence[Matrix]) -> float:
+    """Root mean square of the residuals (channels, k) of every run times the root of their longest correlation time
+    [samples], at least 1."""
+    squares = sum(float(np.vdot(rows, rows)) for rows in residuals)
+    longest = max(autocorrelation_time(row) for rows in residuals for row in rows)
     return max(1.0, sqrt(squares / problem.samples * longest))
 
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from math import inf, sqrt
+from functools import partial, reduce
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,6 @@ from sma_sim.evidence.estimation.calibrate import SEARCH_SAMPLES, FitOptions, fu
 from sma_sim.evidence.estimation.executors import run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.levenberg_marquardt import accumulated, bounded_step, normal_equations, start_point
-from sma_sim.evidence.estimation.overdispersion import autocorrelation_time
 from sma_sim.evidence.estimation.problem import LinearizedRun, Problem, linearize, residuals_at
 from sma_sim.evidence.estimation.residuals import FitData
 from sma_sim.evidence.estimation.run_subset import chosen_runs
@@ -32,7 +31,7 @@ from sma_sim.evidence.model_selection.refit import refit
 from sma_sim.evidence.search import propose
 from sma_sim.evidence.search.components import catalogue_for
 from sma_sim.evidence.search.refine import SKETCHED, WINDOW, Model, extended, model_of
-from sma_sim.evidence.search.score import SPARSITY
+from sma_sim.evidence.search.score import SPARSITY, overdispersion_of
 from sma_sim.evidence.set_up.faults import Fault, corrected, faults_of, log_share
 from sma_sim.evidence.set_up.samples import outliers, wrong_noise
 from sma_sim.evidence.set_up.symmetry import as_columns, in_mirror, symmetries, told_apart
@@ -116,14 +115,8 @@ def wrong_samples(
     rows = [-run.measured * run.weight if left is None else left for run, left in zip(problem.runs, shown, strict=True)]
     far = outliers(problem, rows)
     if far:
-        weight = [run.weight.copy() for run in problem.runs]
-        for fault in far:
-            for run, own in zip(problem.runs, weight, strict=True):
-                if fault.quantities[0] in run.channels:
-                    own[run.channels.index(fault.quantities[0]), list(fault.rows.get(run.name, ()))] = 0.0
-        runs = tuple(replace(run, weight=own) for run, own in zip(problem.runs, weight, strict=True))
-        problem = replace(problem, runs=runs)
-        rows = [row * (own > 0.0) for row, own in zip(rows, weight, strict=True)]
+        problem = reduce(without_fault, far, problem)
+        rows = [row * (run.weight > 0.0) for row, run in zip(rows, problem.runs, strict=True)]
     return (*far, *wrong_noise(problem, rows, dataset, is_fitted))
 
 
@@ -253,13 +246,6 @@ def approximation(problem: Problem, linear: Sequence[LinearizedRun], z: Vector) 
     squares = sum(float(np.vdot(rows, rows)) for rows in left)
     end = z + step
     return Approximation(squares, float(end @ end), hessian - k**2 * np.eye(len(z)), overdispersion_of(problem, left))
-
-
-def overdispersion_of(problem: Problem, residuals: Sequence[Rows]) -> float:
-    """That of residuals (channels, k) of all runs, as `overdispersion` has it."""
-    squares = sum(float(np.vdot(rows, rows)) for rows in residuals)
-    longest = max(autocorrelation_time(row) for rows in residuals for row in rows)
-    return max(1.0, sqrt(squares / problem.samples * longest))
 
 
 def best_step(problem: Problem, proposals: Sequence[Proposal], context: SearchContext) -> Step | None:

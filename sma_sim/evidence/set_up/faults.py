@@ -13,16 +13,15 @@ from math import log, pi
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.data.noise import noise_by_channel
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording
+from sma_sim.evidence.data.train_test_split import pooled
 from sma_sim.evidence.estimation.residuals import FitData
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.inputs import Input
 
-Vector = NDArray[np.float64]
 Kind = Literal['sign', 'swap', 'unit', 'noise', 'outliers']
 TIME = 'time'  # what the column of time is called
 SIGNED = ('m', 'rad', 'N', 'Pa', '')  # units of channels that a sensor may count the other way; '' is strain
@@ -168,7 +167,10 @@ class Fault:
         return replace(source, values=values)
 
     def in_run(self, run: FitData) -> FitData:
-        """A run of a fit without it. What the samples say stays what it is: a noise in the wrong unit is converted too."""
+        """A run of a fit, of all samples where these are outliers, without it.
+
+        What the samples say stays what it is: a noise in the wrong unit is converted too. Outliers count as missing.
+        """
         if not self.applies_to(run.name):
             return run
         if self.quantities == (TIME,):
@@ -183,6 +185,9 @@ class Fault:
             return replace(run, source=self.in_input(run.source))
         at = [run.channels.index(name) for name in self.quantities if name in run.channels]
         measured, weight = run.measured.copy(), run.weight.copy()
+        if self.kind == 'outliers':
+            weight[np.ix_(at, self.rows[run.name])] = 0.0
+            return replace(run, weight=weight)
         measured[at] = measured[at[::-1]] if self.kind == 'swap' else self.multiplier * measured[at]
         weight[at] = weight[at[::-1]] if self.kind == 'swap' else weight[at] / abs(self.multiplier)
         return replace(run, measured=measured, weight=weight)
@@ -245,9 +250,7 @@ def faults_of(structure: Structure, channels: Sequence[str]) -> Iterator[Fault]:
 
 def log_share(fault: Fault, all_kinds: int, runs: int) -> float:
     """Minus the log of how many faults there are: kinds of it, and sets of recordings that may have it."""
-    if not fault.recordings or runs < 2:
-        return -log(max(1, all_kinds)) - log(2.0)
-    return -log(max(1, all_kinds)) - log(2.0) - len(fault.recordings) * log(runs)
+    return -log(2.0 * all_kinds) - len(fault.recordings) * log(runs)
 
 
 def corrected(dataset: Dataset, faults: Sequence[Fault]) -> Dataset:
@@ -265,11 +268,6 @@ def corrected(dataset: Dataset, faults: Sequence[Fault]) -> Dataset:
     return dataset
 
 
-def pooled(training: Dataset, held_out: Dataset | None) -> Dataset:
-    """All recordings together."""
-    return replace(training, recordings=(*training.recordings, *(held_out.recordings if held_out else ())))
-
-
 def without_faults(training: Dataset, held_out: Dataset | None, faults: Sequence[Fault]) -> tuple[Dataset, Dataset | None]:
     """Training and held-out recordings without what is wrong with them, as far as it was corrected."""
     if not faults:
@@ -280,15 +278,27 @@ def without_faults(training: Dataset, held_out: Dataset | None, faults: Sequence
 
 
 def noise_factors(dataset: Dataset, fault: Fault) -> dict[str, float]:
-    """What becomes of the noise of channels that were converted: in which unit it was stated, the samples say."""
-    if fault.kind != 'unit' or not fault.is_of_channels:
+    """What becomes of the noise of channels that were converted or exchanged: of which column it was, the samples say.
+
+    None of those whose noise is what repeated experiments differ by, of which samples say nothing.
+    """
+    if fault.kind not in ('unit', 'swap') or not fault.is_of_channels:
         return {}
-    seen, factors = noise_by_channel(dataset.recordings), dict[str, float]()
-    for name in fault.quantities:
-        ratio = seen[name].std / dataset.noise_std[name] if name in seen and dataset.noise_std[name] > 0.0 else 1.0
-        if max(ratio, 1.0 / ratio) > CRITERIA.noise_only:
-            factors[name] = ratio
-    return factors
+    seen, stated = noise_by_channel(dataset.recordings), dataset.noise_std
+    ratios = {
+        name: seen[name].std / stated[name]
+        for name in fault.quantities
+        if name in seen and stated[name] > 0.0 and name not in dataset.floor
+    }
+    if fault.kind == 'unit':
+        return {name: ratio for name, ratio in ratios.items() if max(ratio, 1.0 / ratio) > CRITERIA.noise_only}
+    if len(ratios) < len(fault.quantities):
+        return {}
+    first, second = fault.quantities
+    other = stated[second] / stated[first]
+    as_stated = abs(log(ratios[first])) + abs(log(ratios[second]))
+    exchanged = abs(log(ratios[first] / other)) + abs(log(ratios[second] * other))
+    return {first: other, second: 1.0 / other} if exchanged < as_stated else {}
 
 
 def set_up_sentences(faults: Sequence[Fault]) -> Iterator[str]:
