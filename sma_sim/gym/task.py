@@ -59,6 +59,8 @@ class Task:
     warming: float = 80.0
 
     def __post_init__(self) -> None:
+        for name in ('observed', 'hold'):  # lists may be given, but have no hash
+            object.__setattr__(self, name, tuple(getattr(self, name)))
         structure, channels = self.config.structure.structure, self.config.structure.structure.channels
         if not structure.coordinates or structure.drives:
             raise UserError(

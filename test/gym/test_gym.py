@@ -144,7 +144,7 @@ def test_a_file_without_intervals_is_no_posterior(tmp_path):
 
 
 def test_further_channels_are_observed():
-    env = sma_sim.gym.TrackingEnv('lever', observed=('T_1', 'F_2'))
+    env = sma_sim.gym.TrackingEnv('lever', observed=['T_1', 'F_2'], hold=[2.0, 5.0])
     observation, _ = env.reset(seed=0)
     assert observation.shape == (7,) and observation[5] == pytest.approx(0.0, abs=1e-6)
     for _ in range(100):
