@@ -14,6 +14,7 @@ import sma_sim.gym
 from sma_sim.gym import Posterior
 
 TRIED, BEST, EPISODES = 32, 6, 2  # policies in a generation, of which the best are kept; episodes of each
+TEST = 0  # seed of the episodes that no policy was improved with: robot i has the seed + i
 
 
 def actions(policies, observations, memory):
@@ -46,10 +47,10 @@ name = f'sma_sim/{arguments.environment}-v0'
 robots = gymnasium.make_vec(name, num_envs=TRIED * EPISODES, posterior=posterior, duration=12.0)
 random, centre, spread = np.random.default_rng(0), np.zeros(6), np.array([2.0, 0.3, 1.0, 1.0, 2.0, 0.3])
 
-print(f'mean error of no control: {mean_errors(robots, np.zeros((TRIED, 6)), 1000).mean():.4f}')
+print(f'mean error of no control: {mean_errors(robots, np.zeros((TRIED, 6)), TEST).mean():.4f}')
 for generation in range(arguments.generations):
     policies = centre + spread * random.standard_normal((TRIED, 6))
-    best = policies[np.argsort(mean_errors(robots, policies, generation * TRIED * EPISODES))[:BEST]]
+    best = policies[np.argsort(mean_errors(robots, policies, (generation + 1) * TRIED * EPISODES))[:BEST]]
     centre, spread = best.mean(axis=0), best.std(axis=0) + 0.02
 print('policy:', np.round(centre, 3).tolist())
-print(f'mean error of the learned policy: {mean_errors(robots, np.tile(centre, (TRIED, 1)), 1000).mean():.4f}')
+print(f'mean error of the learned policy: {mean_errors(robots, np.tile(centre, (TRIED, 1)), TEST).mean():.4f}')

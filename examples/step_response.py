@@ -8,6 +8,7 @@ import math
 import sys
 
 from rclpy.node import Node
+from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64
 
@@ -52,7 +53,8 @@ with CommandSession() as session:  # whatever stops it, its last command is zero
     session.spin(node, until=lambda: node.done)
 if not node.rows:
     sys.exit('stopped before a joint state came: nothing is written')
-name = sys.argv[1] if len(sys.argv) > 1 else 'step.csv'
+words = remove_ros_args(sys.argv)
+name = words[1] if len(words) > 1 else 'step.csv'
 with open(name, 'w', newline='') as file:
     csv.writer(file).writerows([COLUMNS, *node.rows])
 print(f'{name}: {len(node.rows)} rows, largest angle {max(row[4] for row in node.rows):.4f} rad')

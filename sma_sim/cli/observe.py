@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from sma_sim.cli.common.commands import add_command, print_notes
-from sma_sim.cli.common.data import noise_from, print_written, system_words
-from sma_sim.cli.common.options import add_config_options, add_namespace_option, announce_first_compilation, config_from
+from sma_sim.cli.common.data import add_reading_options, noise_from, print_written, system_words
+from sma_sim.cli.common.options import add_config_options, announce_first_compilation, config_from
 from sma_sim.evidence.data.repair_notes import grouped_notes
 from sma_sim.evidence.data.tables import check_writable, write_columns
 from sma_sim.evidence.state_estimation.offline import observe_recording
@@ -23,15 +23,7 @@ def add_parser(verbs: Any) -> None:
     """Declare the verb."""
     parser = add_command(verbs, 'observe', 'estimate temperatures, fractions and stresses of the wires of a recorded robot')
     parser.add_argument('data', type=Path, metavar='BAG', help='a bag, or a CSV file')
-    parser.add_argument('--system', metavar='NAME', help='what was measured (default: the system of --config)')
-    parser.add_argument('--map', type=Path, metavar='FILE', help='YAML file that maps foreign columns and units')
-    parser.add_argument(
-        '--noise',
-        action='append',
-        default=[],
-        metavar='CHANNEL=STD',
-        help='standard deviation of the noise of a channel, SI units (default: that of meta.json, else estimated)',
-    )
+    add_reading_options(parser)
     parser.add_argument(
         '--without',
         action='append',
@@ -39,7 +31,6 @@ def add_parser(verbs: Any) -> None:
         metavar='CHANNEL',
         help='a channel that the observer is not told of, as T_1',
     )
-    add_namespace_option(parser)
     parser.add_argument('--out', type=Path, metavar='FILE.csv', help='estimates (default: BAG with _estimated.csv)')
     parser.add_argument('--figure', type=Path, metavar='PICTURE', help='PNG, SVG or PDF (default: that of --out with .png)')
     add_config_options(parser)

@@ -38,7 +38,6 @@ JOBS, REQUEST, STATE, EVENTS, LOG, LOCK, STOP = (
 RESULT, PARAMETERS, REPORT, CURVES, SUMMARY = 'result.json', 'parameters.yaml', 'report.html', 'curves.npz', 'summary.txt'
 FILES = {'result': RESULT, 'parameters': PARAMETERS, 'report': REPORT, 'curves': CURVES, 'summary': SUMMARY}
 COMMANDS = {'compare': 'compare', 'calibrate': 'fit', 'diagnose': 'diagnose'}  # by stage, the verb of sma-sim
-ENDED = ('done', 'stopped', 'failed', 'killed')
 START_TIME = 60.0  # [s] that a process may take before it says that it runs
 KILLED = 'the process ended without a result: it was killed, or the computer went down; start this step again'
 

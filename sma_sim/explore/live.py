@@ -125,9 +125,9 @@ class LiveFeed:
 
         ``state`` (``off``, ``starting``, ``waiting for joint_states``, ``burn-in``, ``comparing``, ``ended``, ``failed``),
         ``problems``, ``compared`` (how many samples), ``channels``, ``samples`` and ``recording`` (as
-        `sma_sim.ros.live_feed` has them), ``causes`` (what
-        has changed, in the order of time), ``model`` (``path`` of its parameter file; how many ``changes`` of it there were,
-        with each of which all ``samples`` begin anew; why the last one ``failed``) and ``next``, the number to ask for then.
+        `sma_sim.ros.live_feed` has them), ``causes`` (what has changed, in the order of time), ``model`` (``path`` of its
+        parameter file; how many ``changes`` of it there were, with each of which all ``samples`` begin anew; why the last
+        one ``failed``) and ``next``, the number to ask for then.
         """
         with self._lock:
             code = None if self._process is None else self._process.poll()

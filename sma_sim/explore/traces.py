@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -10,14 +9,17 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.residuals import Nuisance
 from sma_sim.evidence.residual_analysis.compare import ComparedRun, Comparison
+from sma_sim.evidence.residual_analysis.strata import dimensions
+from sma_sim.evidence.residual_analysis.wire_states import wires_of
 from sma_sim.explore.jobs import Job
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
-from sma_sim.workflow.region import states_in, temperatures_in
 
 Vector = NDArray[np.float64]
 Curves = dict[str, dict[str, Vector]]
 MIN_SAMPLES = 5  # of a part that can be told from noise
+MIN_SHARE = 0.05  # of the samples: less is not named
+SAME_EVERYWHERE = ('run', 'time in the run')  # dimensions that say nothing of a part of one run
 
 
 def part_of_residual(
@@ -73,10 +75,45 @@ def part_of_residual(
         'samples': int(inside.sum()),
         'over_noise': float(np.sqrt(np.mean(scaled[inside] ** 2))),
         'bias_over_noise': float(np.mean(scaled[inside])),
-        'states': [asdict(share) for share in states_in(comparison, number, inside)],
+        'states': states_in(comparison, number, inside),
         'temperatures': temperatures_in(comparison, number, inside),
         'effects': effects_like(candidates.curves(), where, (run.time[inside], scaled[inside])) if candidates else [],
     }
+
+
+def states_in(comparison: Comparison, run: int, inside: NDArray[np.bool_]) -> list[dict[str, Any]]:
+    """The states of run number `run` where `inside` (k,), by dimension, the most frequent first.
+
+    Of each the ``dimension`` (``mode of wire 1``), the class (``label``), both in ``words``, its ``share`` of the samples,
+    and that in the rest of all runs (``elsewhere``).
+    """
+    found: list[dict[str, Any]] = []
+    for dimension in dimensions(comparison):
+        if dimension.name in SAME_EVERYWHERE:
+            continue
+        here = dimension.classes[run][inside]
+        others = [classes for k, classes in enumerate(dimension.classes) if k != run]
+        rest = np.concatenate([dimension.classes[run][~inside], *others])
+        shares = [(float(np.mean(here == k)), k) for k in range(len(dimension.labels))]
+        for share, k in sorted(shares, reverse=True):
+            if share >= MIN_SHARE:
+                found.append(
+                    {
+                        'dimension': dimension.name,
+                        'label': dimension.labels[k],
+                        'share': share,
+                        'elsewhere': float(np.mean(rest == k)) if len(rest) else 0.0,
+                        'words': dimension.words(k, k),
+                    }
+                )
+    return found
+
+
+def temperatures_in(comparison: Comparison, run: int, inside: NDArray[np.bool_]) -> dict[str, Any]:
+    """By wire, the least and the largest temperature [K]."""
+    states = comparison.runs[run].states
+    ranges = {wire: states[f'T{suffix}_K'][inside] for suffix, wire in wires_of(comparison.config).items()}
+    return {wire: (float(values.min()), float(values.max())) for wire, values in ranges.items()}
 
 
 def comparison_from(job: Job, config: Config) -> Comparison:

@@ -54,14 +54,14 @@ class TrackingEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def __init__(
         self, system: str = 'module', config: Config | None = None, posterior: Posterior | None = None, **task: Any
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.task = task_of(system, config, posterior, task)
         self.observation_space, self.action_space = spaces_of(self.task)
         self._robots = Robots(self.task, 1)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.float32], dict[str, Any]]:  # fmt: skip
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Begin an episode."""
         super().reset(seed=seed)
         self._robots.restart(0, self.np_random)

@@ -59,16 +59,22 @@ class Task:
     warming: float = 80.0
 
     def __post_init__(self) -> None:
+        for name in ('observed', 'hold'):  # lists may be given, but have no hash
+            object.__setattr__(self, name, tuple(getattr(self, name)))
         structure, channels = self.config.structure.structure, self.config.structure.structure.channels
         if not structure.coordinates or structure.drives:
             raise UserError(
                 f'system {structure.name} has no motion that heating controls; expected such as module or slider'
             )
-        for name, known in ((self.tracked or structure.coordinate_names[-1], structure.coordinate_names),
-                            *((name, channels) for name in self.observed)):  # fmt: skip
+        for name, known in (
+            (self.tracked or structure.coordinate_names[-1], structure.coordinate_names),
+            *((name, channels) for name in self.observed),
+        ):
             if name not in known:
-                raise UserError(f'{name!r} is no channel of {structure.name}{suggestion(name, known)}; expected some of '
-                                f'{", ".join(known)}')  # fmt: skip
+                raise UserError(
+                    f'{name!r} is no channel of {structure.name}{suggestion(name, known)}; expected some of '
+                    f'{", ".join(known)}'
+                )
         for name, value in (('rate', self.rate), ('duration', self.duration), ('warming', self.warming)):
             if not value > 0.0:
                 raise UserError(f'{name} = {value:g}: expected more than 0')
@@ -155,9 +161,14 @@ class Task:
 def with_parameters(config: Config, values: Mapping[str, float]) -> Config:
     """The configuration with some values, those of effects too. Raises UserError."""
     return Config(
-        {**config.parameters, **values}, config.system, config.kinetics, config.effects, config.settings,
-        config.own_structure, config.priors,
-    )  # fmt: skip
+        {**config.parameters, **values},
+        config.system,
+        config.kinetics,
+        config.effects,
+        config.settings,
+        config.own_structure,
+        config.priors,
+    )
 
 
 @lru_cache(64)

@@ -28,9 +28,13 @@ class TrackingVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDAr
     metadata: dict[str, Any] = {'render_modes': [], 'autoreset_mode': AutoresetMode.NEXT_STEP}
 
     def __init__(
-        self, num_envs: int = 1, system: str = 'module', config: Config | None = None, posterior: Posterior | None = None,
+        self,
+        num_envs: int = 1,
+        system: str = 'module',
+        config: Config | None = None,
+        posterior: Posterior | None = None,
         **task: Any,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.num_envs, self.task = num_envs, task_of(system, config, posterior, task)
         self.single_observation_space, self.single_action_space = spaces_of(self.task)
         self.observation_space: gymnasium.Space[Any] = batch_space(self.single_observation_space, num_envs)
@@ -40,11 +44,11 @@ class TrackingVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDAr
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.float32], dict[str, Any]]:  # fmt: skip
-        """Begin an episode of every robot; robot i has the seed `seed` + i."""
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Begin an episode of every robot; that of robot i is the one of a `TrackingEnv` with the seed `seed` + i."""
         if seed is not None or not self._randoms:
             first = int(np.random.SeedSequence().generate_state(1)[0]) if seed is None else seed
-            self._randoms = [np.random.default_rng([i, first]) for i in range(self.num_envs)]
+            self._randoms = [np.random.default_rng(first + i) for i in range(self.num_envs)]
         for i, random in enumerate(self._randoms):
             self._robots.restart(i, random)
         self._over[:] = False

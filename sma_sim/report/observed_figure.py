@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from sma_sim.evidence.data.display_units import ZERO_CELSIUS
 from sma_sim.evidence.data.recording import Recording
 from sma_sim.report.run_figure import panel_legend
 from sma_sim.report.run_panels import COLOURS
@@ -15,11 +16,10 @@ from sma_sim.report.style import axes_of, draw_modes, sized_figure
 
 Vector = NDArray[np.float64]
 INTERVAL = 1.96  # standard deviations
-ZERO_CELSIUS, MEGA = 273.15, 1e-6
 PANELS = (  # name and unit of columns; factor, offset and label of what is shown
     ('T', '_K', 1.0, -ZERO_CELSIUS, 'T [deg C]'),
     ('x_M', '', 1.0, 0.0, 'x_M [-]'),
-    ('stress', '_Pa', MEGA, 0.0, 'stress [MPa]'),
+    ('stress', '_Pa', 1e-6, 0.0, 'stress [MPa]'),
 )
 
 
@@ -30,14 +30,17 @@ def draw_observed(columns: Mapping[str, Vector], recording: Recording, title: st
     figure = sized_figure(9.0, 7.2)
     axes = axes_of(figure, 5, [1.0, 1.0, 1.0, 0.6, 0.3 * len(suffixes)])
     for axis, (name, unit, factor, offset, label) in zip(axes, PANELS, strict=False):
-        for suffix, colour in zip(suffixes, COLOURS, strict=False):
+        for k, suffix in enumerate(suffixes):
+            colour = COLOURS[k % len(COLOURS)]
             mean = factor * columns[f'{name}{suffix}{unit}'] + offset
             half = INTERVAL * factor * columns[f'{name}{suffix}_std{unit}']
             axis.fill_between(time, mean - half, mean + half, color=colour, alpha=0.25, linewidth=0)
             axis.plot(time, mean, color=colour, lw=1.3, label=f'wire {suffix[1:]}'.strip())
             measured = recording.channels.get(f'{name}{suffix}')
             if measured is not None:
-                axis.plot(recording.time, factor * measured + offset, '.', color='black', ms=2.0, label='measured')
+                axis.plot(
+                    recording.time, factor * measured + offset, '.', color='black', ms=2.0, label='_' * (k > 0) + 'measured'
+                )
         axis.set_ylabel(label)
         panel_legend(axis)
     for name, values in columns.items():

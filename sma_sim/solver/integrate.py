@@ -228,10 +228,11 @@ def cross_row(run: Run, segment: Segment, p: System, w: Work, limits: Limits, lo
         run.count[N_STEPS] += 1
     if not error <= most:
         linearize_flow(t, run.state, segment, p, w, True)
-        invert_shifted(w.jacobian, 1.0 / (h * ROW_GAMMA), p.coordinates, run.solution, w.pivot)
-        control[C_KEPT_UNTIL], control[C_ROW_LENGTH] = t + KEPT_ROWS * h, h
-        error = row_step(h, run.state, segment, p, w, run.solution)
-        run.count[N_STEPS] += 1
+        error = np.inf
+        if invert_shifted(w.jacobian, 1.0 / (h * ROW_GAMMA), p.coordinates, run.solution, w.pivot):
+            control[C_KEPT_UNTIL], control[C_ROW_LENGTH] = t + KEPT_ROWS * h, h
+            error = row_step(h, run.state, segment, p, w, run.solution)
+            run.count[N_STEPS] += 1
     if not error <= most or switched(h, run, segment, p, w):
         run.count[N_REJECTED] += 1
         control[C_ROW_LENGTH], control[C_ROWS_LEFT] = 0.0, ROWS_LEFT

@@ -36,7 +36,7 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 FRACTION_SCALE = 0.1  # of a frozen fraction
 DELTA = 1e-6  # by which an unknown is moved for its derivatives
-MOST_STEPS = 20_000  # of one call
+MAX_STEPS = 20_000  # of one call
 # Of the usual changes of pose and rates, and of the other states, the errors of a step. A correction of the state lets the
 # structure vibrate a little; steps longer than a vibration then damp it, as the method is L-stable.
 POSE_TOLERANCE, TOLERANCE = 0.05, 1e-4
@@ -105,7 +105,7 @@ class Propagation:
         systems = [same] * (n + wires) + moved + [same] * (wires + 1)
         self._records = pinned_systems(systems, package_compiler().function(pin_system), is_interpreted())
         self._rows = np.zeros((1 + len(systems), self.where.size))
-        self._limits = Limits(np.inf, MOST_STEPS, stall_step(model))
+        self._limits = Limits(np.inf, MAX_STEPS, stall_step(model))
         self._follow, self._observe = (package_compiler().function(one) for one in (follow, observe_beside))
         self._tangents: dict[int, Tangents] = {}  # by how many stretches the input has
         empty = np.zeros(0)

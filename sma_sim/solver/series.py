@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.model.layout import O_F, O_RATIO, O_SIGMA, RANGE, InputPoint, System, SystemState
+from sma_sim.model.layout import RANGE, InputPoint, System, SystemState
 from sma_sim.model.structures.structure import Structure
 from sma_sim.model.system import (
     LENGTHS,
@@ -23,9 +23,9 @@ from sma_sim.model.system import (
     kinematics,
     motion,
     speeds,
+    stress_and_force,
     wire_rates,
 )
-from sma_sim.model.transformation import phase_and_stress
 from sma_sim.solver.linear import DENSE, Elimination, elimination
 from sma_sim.solver.work import Work, copy_evaluation
 
@@ -87,8 +87,7 @@ def update_segment(k: int, changed: int, state: SystemState, point: InputPoint, 
         speeds(y, p, obs)
     for i in range(wires * k, wires * (k + 1)):
         if changed & (STRESS_1 << PER_WIRE_BITS * i):
-            phase_and_stress(i, state, p, obs)
-            obs[i, O_F] = p.wire.n * (p.wire.section * obs[i, O_SIGMA] * obs[i, O_RATIO])
+            stress_and_force(i, state, p, obs)
         if changed & (RATES_1 << PER_WIRE_BITS * i):
             wire_rates(i, state, point, p, dy, obs)
     motion(y, point.u, p, dy, obs)

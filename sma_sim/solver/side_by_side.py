@@ -21,7 +21,7 @@ from sma_sim.solver.work import Work, copy_into
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Integers = NDArray[np.int64]
-MOST_JUMPS = 1000  # of a wire within one step, which nobody reads
+MAX_JUMPS = 1000  # of a wire within one step, which nobody reads
 
 
 class Batch(NamedTuple):
@@ -42,9 +42,7 @@ class Batch(NamedTuple):
     systems: Integers  # addresses
 
 
-def step_side_by_side(
-    which: Integers, b: Batch, held: HeldInput, like: System, w: Work, limits: Limits, log: Log
-) -> None:  # fmt: skip
+def step_side_by_side(which: Integers, b: Batch, held: HeldInput, like: System, w: Work, limits: Limits, log: Log) -> None:
     """Make a step of the robots `which`; `like` is the equations of any of them, `w` scratch memory of all.
 
     `held` says what their inputs have in common, `log` where what nobody reads is written.
@@ -80,17 +78,24 @@ class SideBySide:
         self._step = package_compiler().function(step_side_by_side)
         still = np.zeros(len(structure.input_columns))
         self._held = HeldInput(0, self.rate, still[None], still, model.uses_time, 1)
-        samples, jumps = np.zeros((1, sample_columns(structure).size)), np.zeros((MOST_JUMPS, 3))
+        samples, jumps = np.zeros((1, sample_columns(structure).size)), np.zeros((MAX_JUMPS, 3))
         self._log = Log(samples, np.zeros(0), np.zeros(1, dtype=np.int64), jumps, WHOLE_ROWS)
         state, n, whole = run.state, len(self._work.weight), sample_columns(structure).size
         self._batch = Batch(
-            y=np.zeros((count, n)), mode=rows_like(state.mode, count), x_frozen=rows_like(state.x_frozen, count),
-            control=rows_like(run.control, count), counts=rows_like(run.count, count), solution=np.zeros((count, n, n)),
-            weight=np.zeros((count, n)), increment=np.zeros((count, n)),
-            values=np.zeros((count, len(structure.input_columns))), samples=np.zeros((count, whole)),
-            k=np.zeros(count, dtype=np.int64), status=np.zeros(count, dtype=np.int64),
+            y=np.zeros((count, n)),
+            mode=rows_like(state.mode, count),
+            x_frozen=rows_like(state.x_frozen, count),
+            control=rows_like(run.control, count),
+            counts=rows_like(run.count, count),
+            solution=np.zeros((count, n, n)),
+            weight=np.zeros((count, n)),
+            increment=np.zeros((count, n)),
+            values=np.zeros((count, len(structure.input_columns))),
+            samples=np.zeros((count, whole)),
+            k=np.zeros(count, dtype=np.int64),
+            status=np.zeros(count, dtype=np.int64),
             systems=np.zeros(count, dtype=np.int64),
-        )  # fmt: skip
+        )
 
     @property
     def samples(self) -> Matrix:

@@ -30,11 +30,11 @@ from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.model.effects.ports import ACTUATION, PORT_NAMES
 from sma_sim.model.parameters import WireConstants
 from sma_sim.model.structures.structure import Structure, record
+from sma_sim.solver.effect_table import TEMPERATURE_SCALE
 from sma_sim.solver.model import Model
 from sma_sim.solver.work import Integers, Matrix, Vector
 
 Arrays = NDArray[np.float64]  # of three dimensions
-TEMPERATURE_SCALE = 30.0  # [K]
 SMOOTHED = 2.0  # the most of max |E|/C, in units of solver.rtol times that scale
 MAX_ROWS = 4096  # in a stretch
 PROBED = np.linspace(0.0, 1.0, 9)  # of the largest heating, where effects must be linear in it

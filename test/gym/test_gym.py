@@ -12,9 +12,8 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import sma_sim.gym
-from sma_sim import Config, UserError
-from sma_sim.gym import Posterior, Task
-from sma_sim.gym.robots import Robots
+from sma_sim import UserError
+from sma_sim.gym import Posterior
 
 ROOT = Path(__file__).resolve().parents[2]
 NAMES = sorted(sma_sim.gym.ENVIRONMENTS)
@@ -45,14 +44,9 @@ def test_many_robots_are_as_one_by_itself(name):
     many = gymnasium.make_vec(f'sma_sim/{name}-v0', num_envs=3, duration=0.5)
     first, _ = many.reset(seed=7)
     together = [first, *(many.step(action)[0] for action in actions[:24])]
-    robots = Robots(Task(Config(system=sma_sim.gym.ENVIRONMENTS[name]), duration=0.5), 1)
+    one = gymnasium.make(f'sma_sim/{name}-v0', duration=0.5).unwrapped
     for i in range(3):
-        robots.restart(0, np.random.default_rng([i, 7]))
-        alone = [robots.observation[0]]
-        for action in actions[:24, i].astype(float):
-            robots.step(action[None], np.zeros(1, dtype=np.int64))
-            alone.append(robots.observation[0])
-        assert np.array_equal(np.array(together)[:, i], alone)
+        assert np.array_equal(np.array(together)[:, i], episode(one, actions[:24, i], 7 + i)[0])
 
 
 def test_an_episode_ends_and_the_next_begins_with_the_step_after():
@@ -106,7 +100,7 @@ def posterior_file(path):
         'wire.lambda': {'value': 400.0, 'std': 0.05, 'log': True, 'seen': True},
         'wire.sigma_MW0': {'value': 1.2e8, 'std': 1e6, 'log': False, 'seen': True},
         'wire.c_V': {'value': 380.0, 'std': 3.0, 'log': True, 'seen': False},
-    }  # fmt: skip
+    }
     path.write_text(json.dumps({'parameters': found, 'correlation': [[1.0, 0.8, 0.1], [0.8, 1.0, 0.2], [0.1, 0.2, 1.0]]}))
     return path
 
@@ -150,7 +144,7 @@ def test_a_file_without_intervals_is_no_posterior(tmp_path):
 
 
 def test_further_channels_are_observed():
-    env = sma_sim.gym.TrackingEnv('lever', observed=('T_1', 'F_2'))
+    env = sma_sim.gym.TrackingEnv('lever', observed=['T_1', 'F_2'], hold=[2.0, 5.0])
     observation, _ = env.reset(seed=0)
     assert observation.shape == (7,) and observation[5] == pytest.approx(0.0, abs=1e-6)
     for _ in range(100):

@@ -221,7 +221,7 @@ def test_step_response_example(tmp_path):
     """The README's first five minutes: node, step, file, picture."""
     with ros_client.Simulation(topics=((JointState, 'joint_states'),)) as one:
         one.until(lambda: one.seen['joint_states'], ros_client.FIRST_MESSAGE)
-        words = [sys.executable, str(ROOT / 'examples' / 'step_response.py'), 'step.csv']
+        words = [sys.executable, str(ROOT / 'examples' / 'step_response.py'), '--ros-args', '--log-level', 'warn']
         done = subprocess.run(words, cwd=tmp_path, env=one.environment, capture_output=True, text=True, timeout=60)
         assert done.returncode == 0, done.stderr
         assert one.stop()[0] == 0

@@ -12,6 +12,7 @@ KINETICS_HELP = (
     'proportion (Mandolino et al. 2021), and is fast; mas lets it transform at a rate, by thermal activation (Mueller, '
     'Achenbach, Seelecke), which rounds corners and depends on speed.'
 )
+MAX_NOTES = 5
 EXAMPLES = {  # a command that each of them takes
     'tour': 'sma-sim tour --out tour',
     'init': 'sma-sim init --beam-length 98mm --wires 8 --out robot.yaml',
@@ -55,9 +56,10 @@ def add_kinetics(parser: argparse.ArgumentParser, choices: tuple[str, ...], defa
     parser.add_argument('--model', '--kinetics', dest='model', choices=choices, help=f'{words}{more}; default: {default}')
 
 
-def print_notes(notes: Iterable[str], most: int = 5) -> None:
-    """Print notes on stderr, a line each, no more than `most` lines."""
+def print_notes(notes: Iterable[str]) -> None:
+    """Print notes on stderr, a line each, no more than MAX_NOTES lines."""
     every = list(notes)
-    kept = every if len(every) <= most else [*every[: most - 1], f'and {len(every) - most + 1} more of this kind']
+    more = len(every) - MAX_NOTES + 1
+    kept = every if more <= 1 else [*every[: MAX_NOTES - 1], f'and {more} more of this kind']
     for note in kept:
         print(f'note: {note}', file=sys.stderr)

@@ -49,6 +49,11 @@ def add_recording_options(parser: argparse.ArgumentParser, nargs: str = '+') -> 
         metavar='FILE-OR-STEM',
         help='recordings that are not fitted, only predicted: a file, a folder, or the name of one in DATA',
     )
+    add_reading_options(parser)
+
+
+def add_reading_options(parser: argparse.ArgumentParser) -> None:
+    """How recordings are to be read: ``--system``, ``--map``, ``--noise``, ``--namespace``."""
     parser.add_argument('--system', metavar='NAME', help='what was measured (default: the system of --config)')
     parser.add_argument('--map', type=Path, metavar='FILE', help='YAML file that maps foreign columns and units')
     parser.add_argument(

@@ -65,9 +65,12 @@ def coil_constants(values: Mapping[str, float]) -> CoilConstants:
     D, l0 = own['D'], float(values['wire.l0'])
     cosine = math.sqrt(1.0 - min(own['h_0'] / l0, STEEPEST) ** 2)
     return CoilConstants(
-        **own, l0=l0, slope=2.0 * float(values['wire.r0']) * cosine / (math.sqrt(6.0) * D * l0),
-        turns=l0 * cosine / (math.pi * D), machine=float(values.get(MACHINE, 0.0)),
-    )  # fmt: skip
+        **own,
+        l0=l0,
+        slope=2.0 * float(values['wire.r0']) * cosine / (math.sqrt(6.0) * D * l0),
+        turns=l0 * cosine / (math.pi * D),
+        machine=float(values.get(MACHINE, 0.0)),
+    )
 
 
 def lengths(q: Any, p: Any) -> float:
