@@ -20,9 +20,9 @@ from cases import add_options, drawn, held_out, solved
 from sma_sim.challenge.make import make_challenge
 from sma_sim.challenge.truth import truths
 from sma_sim.evidence.diagnosis.diagnose import diagnose
-from sma_sim.evidence.diagnosis.verdict import as_data
 from sma_sim.evidence.model_selection.criteria import fits_all
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
+from sma_sim.words.diagnosis_data import as_data
 
 DETECTABLE = 1.3  # held-out normalized RMSE of the best fit without the effect
 PAIRS = (

@@ -23,8 +23,8 @@ import sma_sim.evidence.search.beam as beam
 from sma_sim.challenge.make import make_challenge
 from sma_sim.challenge.truth import truths
 from sma_sim.evidence.diagnosis.diagnose import diagnose
-from sma_sim.evidence.diagnosis.verdict import as_data
 from sma_sim.evidence.search.components import Catalogue
+from sma_sim.words.diagnosis_data import as_data
 
 DETECTABLE = 1.3  # held-out normalized RMSE of the best fit without the effect
 NO_VARIABLES = {'memory', 'wire', 'constant'}  # what a truth lists beside its states

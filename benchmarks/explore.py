@@ -26,7 +26,7 @@ from browser import open_browser
 from measured_runs import CHANNELS, truth, write_run
 
 from sma_sim import module_input
-from sma_sim.evidence.data.json_values import write_json
+from sma_sim.words.json_values import write_json
 
 RUNS, SECONDS, RATE = 3, 100.0, 50.0
 SLIDERS = ('wire.sigma_T', 'wire.lambda', 'beam.E', 'wire.eps_T', 'wire.dsigma')

@@ -28,10 +28,10 @@ from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.recordings import read_dataset
 from sma_sim.evidence.diagnosis.diagnose import diagnose
-from sma_sim.evidence.diagnosis.verdict import as_data
 from sma_sim.evidence.estimation.calibrate import FitOptions
 from sma_sim.evidence.model_selection.nominal_fit import NOMINAL_STARTS, DiagnosisRequest
 from sma_sim.model.config import read_config
+from sma_sim.words.diagnosis_data import as_data
 
 CASES: dict[str, tuple[int, tuple[str, ...]]] = {
     'joint_friction': (15, ('joint_friction',)), 'natural_convection': (17, ('natural_convection',)), 'nothing': (5, ()),

@@ -21,8 +21,8 @@ from other_form_truths import FORMS
 
 from sma_sim.challenge.make import challenge_with
 from sma_sim.evidence.diagnosis.diagnose import diagnose
-from sma_sim.evidence.diagnosis.verdict import as_data
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
+from sma_sim.words.diagnosis_data import as_data
 
 DETECTABLE = 1.3  # held-out normalized RMSE of the best fit without the effect
 GOOD = 1.1  # held-out normalized RMSE that a right explanation leaves

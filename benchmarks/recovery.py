@@ -27,10 +27,10 @@ from sma_sim.challenge.make import RecordingPlan, challenge_with
 from sma_sim.challenge.truth import Truth
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.diagnose import diagnose
-from sma_sim.evidence.diagnosis.verdict import as_data
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit
 from sma_sim.model.effects.scope import SEPARATOR
+from sma_sim.words.diagnosis_data import as_data
 
 # By effect of the library, the parameter of its truth that is its strength: nothing where that is 0.
 STRENGTHS = {

@@ -29,8 +29,6 @@ from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis, diagnose
 from sma_sim.evidence.diagnosis.follow_up import confounded
 from sma_sim.evidence.diagnosis.review import reviewed
-from sma_sim.evidence.diagnosis.verdict import as_data
-from sma_sim.evidence.diagnosis.verdict_text import as_text
 from sma_sim.evidence.estimation.calibrate import FitOptions
 from sma_sim.evidence.estimation.interruption import stoppable
 from sma_sim.evidence.estimation.limits import limits_from
@@ -38,6 +36,8 @@ from sma_sim.evidence.model_selection.nominal_fit import NOMINAL_STARTS, Diagnos
 from sma_sim.model.config import Config
 from sma_sim.model.given import effect_folders_of
 from sma_sim.report.html.diagnosis_page import write_diagnosis_page
+from sma_sim.words.diagnosis_data import as_data
+from sma_sim.words.diagnosis_text import as_text
 from sma_sim.workflow.diagnosis import command_between, write_improved
 
 

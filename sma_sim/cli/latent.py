@@ -24,8 +24,8 @@ from sma_sim.cli.common.data import (
 from sma_sim.cli.common.options import add_config_options, announce_first_compilation, config_from
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.latent_input.latent_search import LatentRequest, estimate_latent_inputs
-from sma_sim.evidence.latent_input.summary import RANKING_HEADER, latent_data, ranking_rows, verdict_sentences
 from sma_sim.report.html.latent_page import write_latent_page
+from sma_sim.words.latent_input import RANKING_HEADER, latent_data, ranking_rows, verdict_sentences
 
 
 def add_parser(verbs: Any) -> None:

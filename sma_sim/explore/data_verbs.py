@@ -7,9 +7,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from sma_sim.evidence.data.json_values import finite
 from sma_sim.evidence.data.tables import write_whole
-from sma_sim.evidence.diagnosis.probability_words import finding_rows, model_rows, probability_lines
 from sma_sim.explore.columns import choices, map_text
 from sma_sim.explore.export import PARAMETERS as EXPORTED_PARAMETERS
 from sma_sim.explore.export import export
@@ -23,6 +21,8 @@ from sma_sim.explore.stages import Engine
 from sma_sim.explore.uploads import Uploads
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
+from sma_sim.words.json_values import finite
+from sma_sim.words.probabilities import finding_rows, model_rows, probability_lines
 from sma_sim.workflow.data_request import DataRequest
 
 MAP = 'map.yaml'  # columns that were chosen on the page

@@ -8,7 +8,7 @@ from pathlib import Path
 from threading import Lock
 from typing import Any
 
-from sma_sim.evidence.data.json_values import finite
+from sma_sim.words.json_values import finite
 
 
 class EventLog:

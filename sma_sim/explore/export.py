@@ -174,7 +174,7 @@ WRITE_LINES = {
     'diagnose': f'write_improved(file, found, {FOLDERS})',
 }
 IMPORTS = (
-    'from sma_sim.evidence.data.json_values import write_json',
+    'from sma_sim.words.json_values import write_json',
     'from sma_sim.evidence.estimation.starting_values import started_from_curves',
     'from sma_sim.evidence.residual_analysis.compare import compare',
     'from sma_sim.evidence.residual_analysis.summary import comparison_result, summarize',

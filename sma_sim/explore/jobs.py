@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.data.json_values import write_json
 from sma_sim.evidence.estimation.residuals import Nuisance
 from sma_sim.explore.lock import is_locked
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
+from sma_sim.words.json_values import write_json
 
 Vector = NDArray[np.float64]
 JOBS, REQUEST, STATE, EVENTS, LOG, LOCK, STOP = (

@@ -11,15 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from sma_sim.evidence.data.json_values import write_json
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.diagnosis.follow_up import confounded
 from sma_sim.evidence.diagnosis.review import reviewed
-from sma_sim.evidence.diagnosis.verdict import as_data
-from sma_sim.evidence.diagnosis.verdict_text import as_text
 from sma_sim.evidence.estimation.calibrate import FitOptions, calibrate
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.interruption import stoppable
@@ -39,6 +36,9 @@ from sma_sim.report.html.comparison_page import write_compare_page
 from sma_sim.report.html.diagnosis_page import write_diagnosis_page
 from sma_sim.report.html.page import Provenance
 from sma_sim.solver.first_start import announce_compilation
+from sma_sim.words.diagnosis_data import as_data
+from sma_sim.words.diagnosis_text import as_text
+from sma_sim.words.json_values import write_json
 from sma_sim.workflow.candidates import candidate_effects
 from sma_sim.workflow.check import data_check
 from sma_sim.workflow.code_folders import folders_from

@@ -12,12 +12,12 @@ import traceback
 from pathlib import Path
 from typing import Any
 
-from sma_sim.evidence.data.json_values import write_json
 from sma_sim.explore.events import EventLog
 from sma_sim.explore.jobs import EVENTS, LOCK, STATE, STOP, Job, job_in
 from sma_sim.explore.lock import locked_file
 from sma_sim.explore.session_files import RECORDINGS
 from sma_sim.model.errors import UserError
+from sma_sim.words.json_values import write_json
 
 WAIT_FOR_LOCK = 10.0  # [s]: somebody may just be asking whether it is held
 LOOK_FOR_STOP = 0.1  # [s]

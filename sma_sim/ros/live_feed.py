@@ -26,11 +26,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.data.json_values import finite
 from sma_sim.model.config import Config, read_config
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.structure import Structure
 from sma_sim.ros.entry import Program, Runner, run_node
+from sma_sim.words.json_values import finite
 
 if TYPE_CHECKING:
     from sma_sim.evidence.monitoring.live_diagnosis import LiveFinding

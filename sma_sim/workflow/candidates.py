@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Dataset, in_order
-from sma_sim.evidence.diagnosis.probability_words import probability_words
 from sma_sim.evidence.estimation.calibrate import SEARCH_SAMPLES, Calibration, FitOptions, calibrate, problem_for
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import FreeParameter, free_parameter
@@ -43,6 +42,7 @@ from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import Parameter
 from sma_sim.solver.simulate import SimulationError
+from sma_sim.words.probabilities import probability_words
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]

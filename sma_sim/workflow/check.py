@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from sma_sim.evidence.data.recording import Dataset, Recording, in_order
-from sma_sim.evidence.data.repair_notes import grouped_notes
 from sma_sim.solver.inputs import inputs_at
+from sma_sim.words.repair_notes import grouped_notes
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
-from sma_sim.evidence.diagnosis.proposed_equation import effect_values
+from sma_sim.words.proposed_equation import effect_values
 from sma_sim.workflow.code_folders import parameter_file_at
 
 

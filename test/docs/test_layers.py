@@ -23,6 +23,7 @@ ROOMS = (
     'evidence.latent_input',
     'evidence.monitoring',
     'challenge',
+    'words',
     'report',
     'workflow',
     'gym',

@@ -13,7 +13,6 @@ from scipy import signal, stats
 from sma_sim import Model, module_input, read_config, simulate
 from sma_sim.cli.main import main
 from sma_sim.evidence.data.recordings import read_dataset
-from sma_sim.evidence.data.repair_notes import grouped_notes
 from sma_sim.evidence.data.train_test_split import split_dataset
 from sma_sim.evidence.estimation.chi_square import chi_square_tail
 from sma_sim.evidence.estimation.executors import executor_or_threads
@@ -30,6 +29,7 @@ from sma_sim.evidence.residual_analysis.summary import comparison_data, summariz
 from sma_sim.evidence.residual_analysis.wire_states import RESTING, with_derived_states
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
+from sma_sim.words.repair_notes import grouped_notes
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -22,8 +22,6 @@ from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.diagnosis.review import reviewed
 from sma_sim.evidence.diagnosis.stage_change import stage_change
-from sma_sim.evidence.diagnosis.verdict import as_data
-from sma_sim.evidence.diagnosis.verdict_text import as_text
 from sma_sim.evidence.estimation import problem as problem_module
 from sma_sim.evidence.estimation.calibrate import FitOptions, final_fit
 from sma_sim.evidence.estimation.search_context import SearchContext
@@ -35,6 +33,8 @@ from sma_sim.evidence.model_selection.sketches import sketched, with_candidate
 from sma_sim.report.error_reduction_figure import draw_error_reduction
 from sma_sim.report.html.diagnosis_page import reduction_figure, write_diagnosis_page
 from sma_sim.report.html.page import Provenance
+from sma_sim.words.diagnosis_data import as_data
+from sma_sim.words.diagnosis_text import as_text
 
 SEEDS = [1, 2, 3]
 

@@ -18,10 +18,10 @@ from sma_sim.evidence.data.rosbag.run_writer import messages_of
 from sma_sim.evidence.data.rosbag.writer import BagWriter, typestore
 from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.diagnosis.review import reviewed
-from sma_sim.evidence.diagnosis.verdict_text import as_text
 from sma_sim.evidence.estimation.calibrate import FitOptions
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 from sma_sim.report.html.diagnosis_page import write_diagnosis_page
+from sma_sim.words.diagnosis_text import as_text
 
 QUICK = DiagnosisRequest('mas', options=FitOptions(starts=1, intervals=False))
 

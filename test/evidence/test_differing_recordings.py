@@ -9,8 +9,6 @@ import pytest
 import sma_sim
 from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.diagnosis.review import reviewed
-from sma_sim.evidence.diagnosis.verdict import as_data
-from sma_sim.evidence.diagnosis.verdict_text import as_text
 from sma_sim.evidence.estimation.calibrate import FitOptions, problem_for
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.levenberg_marquardt import start_point
@@ -22,6 +20,8 @@ from sma_sim.evidence.model_selection.differing_recordings import AMBIENT as UNK
 from sma_sim.evidence.model_selection.differing_recordings import promises
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 from sma_sim.solver.inputs import Input
+from sma_sim.words.diagnosis_data import as_data
+from sma_sim.words.diagnosis_text import as_text
 
 NOISE = {'U_y': 1e-5, 'alpha': 3.5e-4, 'F_1': 0.02, 'F_2': 0.02}
 COMMANDS = ((10.0, -8.0), (-9.0, 12.0), (8.0, -11.0), (-12.0, 7.0))

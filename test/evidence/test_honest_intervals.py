@@ -13,7 +13,6 @@ from test_recordings_in_fits import problem_of as module_problem
 
 from sma_sim import FitOptions, calibrate
 from sma_sim.evidence.diagnosis import model_stage
-from sma_sim.evidence.estimation.fit_remarks import other_minima, remarks_on
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, free_parameter
 from sma_sim.evidence.estimation.held_out_prediction import RunFit
@@ -30,6 +29,7 @@ from sma_sim.evidence.estimation.uncertainty import (
 )
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import DEFAULTS
+from sma_sim.words.fit_remarks import other_minima, remarks_on
 
 
 def autoregressive(random, shape, memory):

@@ -10,10 +10,10 @@ from simulated_data import config, dataset, scaled
 from sma_sim import Dataset, Input, Model, Recording, find_effects, simulate
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.diagnosis.diagnose import diagnose
-from sma_sim.evidence.diagnosis.verdict import as_data
 from sma_sim.evidence.estimation.calibrate import FitOptions
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
+from sma_sim.words.diagnosis_data import as_data
 
 HIDDEN = {
     'clamps': """

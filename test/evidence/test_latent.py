@@ -39,7 +39,7 @@ from sma_sim.evidence.latent_input.sensitivities import (
     time_function_at,
     with_rows_at_knots,
 )
-from sma_sim.evidence.latent_input.summary import latent_data, ranking_rows, verdict_sentences
+from sma_sim.words.latent_input import latent_data, ranking_rows, verdict_sentences
 
 STRUCTURE = config('mas').structure.structure
 BY_NAME = {port.name: port for port in ports_of(config('mas'), STRUCTURE.channels)}

@@ -48,7 +48,6 @@ from sma_sim.evidence.experiment_design.sequences import (
     quantized,
     random_sequence,
 )
-from sma_sim.evidence.experiment_design.summary import indistinguishable_sentences, plan_data
 from sma_sim.evidence.experiment_design.utilities import (
     RivalPair,
     combination_precision,
@@ -60,6 +59,7 @@ from sma_sim.evidence.experiment_design.utilities import (
 )
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.report.html.design_page import write_design_page
+from sma_sim.words.experiment_design import indistinguishable_sentences, plan_data
 
 POSE = ('U_x', 'U_y', 'alpha')
 SHORT = {'length': 20.0, 'hold': 0.5, 'model': 'mas', 'budget': 16}

@@ -11,8 +11,8 @@ from sma_sim import module_input, simulate
 from sma_sim.evidence.data.noise import estimate_noise
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.data.recordings import read_dataset, read_recording
-from sma_sim.evidence.data.repair_notes import grouped_notes
 from sma_sim.solver.model import Model
+from sma_sim.words.repair_notes import grouped_notes
 
 MEASURED = Path(__file__).resolve().parents[3] / 'shared' / 'measured' / 'module'
 STD = NOISE | {'alpha_rad': np.radians(0.02)}

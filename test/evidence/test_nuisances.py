@@ -11,8 +11,8 @@ from sma_sim.evidence.data.tables import write_columns
 from sma_sim.evidence.estimation.calibrate import problem_for
 from sma_sim.evidence.estimation.held_out_prediction import evaluate_held_out
 from sma_sim.evidence.estimation.nuisance_effects import starting_model
-from sma_sim.evidence.estimation.nuisance_report import nuisance_data, nuisance_sentences
 from sma_sim.solver.inputs import inputs_at
+from sma_sim.words.nuisances import nuisance_data, nuisance_sentences
 
 ALLOY = ('wire.E_A=4e10', 'wire.E_M=2.5e10', 'wire.eps_T=0.04', 'wire.sigma_T=6e6', 'wire.dsigma=6e7', 'wire.sigma_MW0=3e8',
          'wire.n=1')  # fmt: skip

@@ -8,13 +8,13 @@ from simulated_data import config, dataset, scaled
 
 from sma_sim import FitOptions, calibrate, find_effects
 from sma_sim.evidence.diagnosis.diagnose import diagnose
-from sma_sim.evidence.diagnosis.verdict import as_data
-from sma_sim.evidence.diagnosis.verdict_text import as_text
-from sma_sim.evidence.estimation.fit_remarks import remarks_on
 from sma_sim.evidence.estimation.free_parameters import choose_free, with_values
 from sma_sim.evidence.estimation.plausibility import implausible_parameters
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
+from sma_sim.words.diagnosis_data import as_data
+from sma_sim.words.diagnosis_text import as_text
+from sma_sim.words.fit_remarks import remarks_on
 from sma_sim.workflow.fit import fit_result_data
 
 FREE = ('wire.lambda', 'wire.E_A', 'wire.E_M')

@@ -7,16 +7,16 @@ import pytest
 from explore_server import serving, until
 from explore_steps import gravity_case, opened
 
-from sma_sim.evidence.diagnosis.probability_words import (
+from sma_sim.explore.jobs import new_job
+from sma_sim.report.html.diagnosis_page import probability_blocks
+from sma_sim.report.html.page import Section, write_page
+from sma_sim.words.probabilities import (
     effect_words,
     finding_rows,
     model_rows,
     probability_lines,
     probability_words,
 )
-from sma_sim.explore.jobs import new_job
-from sma_sim.report.html.diagnosis_page import probability_blocks
-from sma_sim.report.html.page import Section, write_page
 from sma_sim.workflow.data_request import DataRequest
 
 CLEAR = {

@@ -10,7 +10,6 @@ from made_recordings import RATE, cells_of, module_columns, text_of, write_recor
 
 from sma_sim.evidence.data.cleaning import outliers, saturated
 from sma_sim.evidence.data.recordings import read_dataset, read_recording
-from sma_sim.evidence.data.repair_notes import grouped_notes
 from sma_sim.evidence.data.rosbag.raw_messages import open_bag
 from sma_sim.evidence.data.rosbag.run_writer import write_mcap
 from sma_sim.evidence.data.rosbag.writer import BagWriter
@@ -18,6 +17,7 @@ from sma_sim.evidence.data.tables import write_columns
 from sma_sim.evidence.estimation.residuals import sampled_changes
 from sma_sim.model.errors import UserError
 from sma_sim.solver.inputs import inputs_at
+from sma_sim.words.repair_notes import grouped_notes
 
 ROOT = Path(__file__).resolve().parents[2]
 MAPS = ROOT / 'examples' / 'maps'

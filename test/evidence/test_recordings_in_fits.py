@@ -8,7 +8,6 @@ import pytest
 from systems import active
 
 from sma_sim import Config, Dataset, Recording, module_input, wire_input
-from sma_sim.evidence.estimation.fit_remarks import starts_sentence
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, FreeParameter, choose_free, default_names
 from sma_sim.evidence.estimation.held_out_prediction import (
@@ -17,7 +16,6 @@ from sma_sim.evidence.estimation.held_out_prediction import (
     own_unknowns,
 )
 from sma_sim.evidence.estimation.nuisance_effects import under_nuisance_priors, with_nuisance_names, with_prior_std
-from sma_sim.evidence.estimation.nuisance_report import nuisance_data, nuisance_sentences, offset_sentences
 from sma_sim.evidence.estimation.problem import (
     AMBIENT_STEP,
     DEFAULT_STEP,
@@ -44,6 +42,8 @@ from sma_sim.evidence.estimation.residuals import (
     strain_zero,
 )
 from sma_sim.evidence.estimation.uncertainty import Interval
+from sma_sim.words.fit_remarks import starts_sentence
+from sma_sim.words.nuisances import nuisance_data, nuisance_sentences, offset_sentences
 
 TIMES = np.linspace(2.0, 6.0, 81)
 

@@ -10,7 +10,6 @@ from simulated_data import command, config, dataset, recording, scaled
 
 from sma_sim import FitOptions, calibrate
 from sma_sim.evidence.estimation.calibrate import problem_for
-from sma_sim.evidence.estimation.fit_remarks import remarks_on
 from sma_sim.evidence.estimation.homogeneity import cochran_p
 from sma_sim.evidence.estimation.problem import linearize
 from sma_sim.evidence.estimation.run_estimates import (
@@ -26,6 +25,7 @@ from sma_sim.evidence.estimation.run_estimates import (
 )
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95
 from sma_sim.report.html.by_run import by_run_blocks
+from sma_sim.words.fit_remarks import remarks_on
 
 FREE = ('wire.sigma_MW0', 'wire.lambda', 'beam.E')
 WARM = {'noise': 1.0, 'rate': 10.0, 'channels': ('U_y', 'alpha')}

@@ -8,8 +8,6 @@ from simulated_data import config, dataset
 
 from sma_sim import find_effects
 from sma_sim.evidence.diagnosis.diagnose import diagnose
-from sma_sim.evidence.diagnosis.verdict import as_data
-from sma_sim.evidence.diagnosis.verdict_text import as_text
 from sma_sim.evidence.estimation.calibrate import FitOptions
 from sma_sim.evidence.model_selection.candidates import candidates_for, with_effect
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
@@ -18,6 +16,8 @@ from sma_sim.evidence.search import confounding
 from sma_sim.model.config import Config, read_config
 from sma_sim.model.effects.discovery import with_scopes
 from sma_sim.model.parameter_file import parameter_file
+from sma_sim.words.diagnosis_data import as_data
+from sma_sim.words.diagnosis_text import as_text
 
 
 @pytest.mark.parametrize(

@@ -6,12 +6,12 @@ from types import SimpleNamespace
 import pytest
 
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
-from sma_sim.evidence.diagnosis.proposed_equation import error_words
-from sma_sim.evidence.diagnosis.verdict_text import as_text, headline, remarks, short_title
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter
 from sma_sim.evidence.estimation.uncertainty import AmbientDifference, Interval
 from sma_sim.evidence.model_selection.pooled_refit import PooledErrors
 from sma_sim.model.effects.discovery import find_effects
+from sma_sim.words.diagnosis_text import as_text, headline, remarks, short_title
+from sma_sim.words.proposed_equation import error_words
 
 EFFECTS = {name: found.effect for name, found in find_effects().items()}
 VALUES = {'gravity.g_y': (-9.8, -9.9, -9.7), 'gravity.g_x': (0.4, -1.0, 2.0), 'radiation.emissivity': (0.3, 0.2, 0.4)}

@@ -11,9 +11,7 @@ from pathlib import Path
 
 from sma_sim.cli.common.commands import add_kinetics, print_notes
 from sma_sim.cli.common.options import add_namespace_option
-from sma_sim.evidence.data.json_values import write_json as write_json
 from sma_sim.evidence.data.recording import Dataset
-from sma_sim.evidence.data.repair_notes import grouped_notes
 from sma_sim.evidence.data.tables import check_writable
 from sma_sim.evidence.estimation.calibrate import on_leading_bench
 from sma_sim.evidence.estimation.executors import dask_executor, executor_or_threads
@@ -25,6 +23,8 @@ from sma_sim.model.given import effect_folders_of
 from sma_sim.model.optional import require
 from sma_sim.model.parameter_file import parameter_file
 from sma_sim.report.html.page import Provenance
+from sma_sim.words.json_values import write_json as write_json
+from sma_sim.words.repair_notes import grouped_notes
 from sma_sim.workflow.data_request import DataRequest
 
 EXIT_INTERRUPTED = 130  # exit code after Ctrl-C

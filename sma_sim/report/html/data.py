@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.data.recording import Dataset
-from sma_sim.evidence.data.repair_notes import grouped_notes
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Section, Table
+from sma_sim.words.repair_notes import grouped_notes
 
 
 def data_section(fitted: Dataset, held_out: Dataset | None) -> Section:

@@ -9,10 +9,7 @@ from typing import Any
 
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.model_stage import ModelStage
-from sma_sim.evidence.diagnosis.probability_words import finding_rows, model_rows, probability_lines
 from sma_sim.evidence.diagnosis.review import DiagnosisReview
-from sma_sim.evidence.diagnosis.verdict import as_data
-from sma_sim.evidence.diagnosis.verdict_text import headline, remarks, short_title, verdict_words
 from sma_sim.evidence.set_up.faults import set_up_sentences
 from sma_sim.report.html.candidates import selection_section
 from sma_sim.report.html.comparison_page import comparison_sections
@@ -22,6 +19,9 @@ from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Provenance
 from sma_sim.report.html.parameters import parameters_section
 from sma_sim.report.html.proposed import proposed_section
 from sma_sim.report.palette import GREY
+from sma_sim.words.diagnosis_data import as_data
+from sma_sim.words.diagnosis_text import headline, remarks, short_title, verdict_words
+from sma_sim.words.probabilities import finding_rows, model_rows, probability_lines
 
 HELD_OUT_NOTE = (
     'From the models of the search, each refitted without the run: which of them the other runs ask for, and how that one '

@@ -8,11 +8,11 @@ import numpy as np
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.latent_input.results import InputFinding, LatentInputs
-from sma_sim.evidence.latent_input.summary import RANKING_HEADER, ranking_rows, verdict_sentences
 from sma_sim.report.html.data import data_section
 from sma_sim.report.html.figures import SHOWN, new_figure, small
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Provenance, Section, Table, Tabs, write_page
 from sma_sim.report.palette import GREY
+from sma_sim.words.latent_input import RANKING_HEADER, ranking_rows, verdict_sentences
 
 TIME_COURSE_HEIGHT = 150  # height of one input over time [px]
 COLUMN_NOTES = (

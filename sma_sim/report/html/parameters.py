@@ -7,12 +7,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from sma_sim.evidence.estimation.calibrate import Calibration
-from sma_sim.evidence.estimation.fit_remarks import remarks_on
 from sma_sim.evidence.estimation.uncertainty import Interval, Uncertainty
 from sma_sim.report.html.by_run import by_run_blocks
 from sma_sim.report.html.figures import log_axis, new_figure, small
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Section, Table
 from sma_sim.report.palette import BLUE, GREY, ORANGE
+from sma_sim.words.fit_remarks import remarks_on
 
 MAX_RATIO = 3.0  # of an edge of an interval over the value: wider ones go beyond the figure
 PARAMETER_HEADER = ('parameter', 'value', '95 % interval', 'unit', 'as given', 'change')

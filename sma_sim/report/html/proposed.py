@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
-from sma_sim.evidence.diagnosis.proposed_equation import coefficients, error_words, formula_change, ranked, stability_words
 from sma_sim.evidence.search.equations import Proposal
 from sma_sim.evidence.symbolic_regression.partial_residuals import PartialResidualPlot
 from sma_sim.report.html.figures import new_figure
 from sma_sim.report.html.page import Block, Paragraph, Plot, Section, Table
 from sma_sim.report.html.step_figures import channel_plot
 from sma_sim.report.palette import BLUE, GREY, ORANGE, RED
+from sma_sim.words.proposed_equation import coefficients, error_words, formula_change, ranked, stability_words
 
 PORTRAIT_COLOURS = (BLUE, RED, GREY, '#7a5195')
 PORTRAIT_CAPTION = (

@@ -7,12 +7,12 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from sma_sim.evidence.data.json_values import finite
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.model_stage import ModelStage
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.search.equations import FormulaFit, Proposal
+from sma_sim.words.json_values import finite
 
 
 def proposed_data(diagnosis: Diagnosis, file: Path | None) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """How probable a diagnosis holds its models, in words: for the terminal, the report and the page of `explore`.
 
-All of it is read from the data of a diagnosis (`sma_sim.evidence.diagnosis.verdict.as_data`): ``probabilities``, of nothing
+All of it is read from the data of a diagnosis (`sma_sim.words.diagnosis_data.as_data`): ``probabilities``, of nothing
 missing (``none``), of something that is not listed (``unlisted``) and of each of the ``effects`` by name; and ``models``,
 the most probable first, with their ``effects``, a ``formula`` or none, ``differences`` between recordings, ``probability``
 and ``error`` over noise.

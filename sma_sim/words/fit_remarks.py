@@ -8,10 +8,10 @@ from math import isnan
 from sma_sim.evidence.estimation.calibrate import Calibration
 from sma_sim.evidence.estimation.fit_result import OtherStart
 from sma_sim.evidence.estimation.log_evidence import DECISIVE, kinetics_sentence
-from sma_sim.evidence.estimation.nuisance_report import offset_sentences
 from sma_sim.evidence.estimation.plausibility import implausible_sentence
 from sma_sim.evidence.estimation.run_estimates import agreement_sentence
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95, RULED_OUT
+from sma_sim.words.nuisances import offset_sentences
 
 MISFIT = 1.3  # normalized RMSE above which a model lacks something: noise that was estimated may be off by as much
 ONE_START = 'from one starting point: other minima were not looked for'

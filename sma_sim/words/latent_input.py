@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from sma_sim.evidence.diagnosis.probability_words import probability_words
 from sma_sim.evidence.latent_input.results import InputEstimate, InputFinding, LatentInputs
+from sma_sim.words.probabilities import probability_words
 
 RANKING_HEADER = ('port', 'error left', 'in gaps', 'values', 'removed per value', 'evidence', 'depends on')
 

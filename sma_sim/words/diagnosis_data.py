@@ -8,11 +8,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from sma_sim.evidence.data.json_values import finite
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.model_stage import ModelStage
-from sma_sim.evidence.diagnosis.proposed_equation import proposed_data
-from sma_sim.evidence.estimation.nuisance_report import nuisance_data
 from sma_sim.evidence.estimation.plausibility import implausible_data
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
 from sma_sim.evidence.estimation.run_estimates import by_run_data
@@ -24,6 +21,9 @@ from sma_sim.evidence.search.steps import CandidateFit, SelectionStep
 from sma_sim.evidence.set_up.faults import fault_data
 from sma_sim.model.config import flat_parameters
 from sma_sim.model.effects.scope import SEPARATOR
+from sma_sim.words.json_values import finite
+from sma_sim.words.nuisances import nuisance_data
+from sma_sim.words.proposed_equation import proposed_data
 
 
 def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:
