@@ -23,7 +23,8 @@ from cases import add_options, drawn, of, solved
 from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.diagnosis.diagnose import diagnose
-from sma_sim.evidence.set_up.faults import Fault, phrases
+from sma_sim.evidence.set_up.faults import Fault
+from sma_sim.words.set_up import phrases
 
 PLAN = RecordingPlan(3, 40.0, 20.0)
 EFFECTS = ('gravity', 'natural_convection', 'driver_lag', 'guide_friction', 'polycrystal')  # hidden in turn

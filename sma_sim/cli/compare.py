@@ -26,10 +26,11 @@ from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.residual_analysis.compare import compare
 from sma_sim.evidence.residual_analysis.metrics import ChannelScore, total_error
 from sma_sim.evidence.residual_analysis.paired_comparison import ErrorChange, error_changes
-from sma_sim.evidence.residual_analysis.summary import Summary, comparison_result, summarize
+from sma_sim.evidence.residual_analysis.summary import Summary, summarize
 from sma_sim.model.config import Config, read_config
 from sma_sim.model.errors import UserError
 from sma_sim.report.html.comparison_page import write_compare_page
+from sma_sim.words.comparison import comparison_result, spread_sentence
 
 PAPER_LABEL, DEFAULT_LABEL = "the paper's values", 'the default values'
 OF_THE_PAPER = ('module', 'wire')
@@ -144,5 +145,5 @@ def finding_lines(summary: Summary) -> list[str]:
     """Where the error is, in words."""
     remarks = summary.remarks[:MAX_LINES]
     if not remarks:
-        return [summary.spread_sentence]
+        return [spread_sentence(summary)]
     return ['Where the error is:', *(f'{k:2}. {remark.text}' for k, remark in enumerate(remarks, 1))]

@@ -27,13 +27,12 @@ from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.data.tables import write_columns
 from sma_sim.evidence.experiment_design.curves import hypothesis_curves
 from sma_sim.evidence.experiment_design.design import next_experiment
-from sma_sim.evidence.experiment_design.further_channels import channels_sentence
 from sma_sim.evidence.experiment_design.plan import DesignRequest, Plan
 from sma_sim.evidence.experiment_design.sequences import as_rows
 from sma_sim.model.errors import UserError
 from sma_sim.model.given import effect_folders_of
 from sma_sim.report.html.design_page import write_design_page
-from sma_sim.words.experiment_design import indistinguishable_sentences, plan_data
+from sma_sim.words.experiment_design import channels_sentence, indistinguishable_sentences, plan_data
 
 
 def add_parser(verbs: Any) -> None:

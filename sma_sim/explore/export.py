@@ -174,10 +174,11 @@ WRITE_LINES = {
     'diagnose': f'write_improved(file, found, {FOLDERS})',
 }
 IMPORTS = (
-    'from sma_sim.words.json_values import write_json',
     'from sma_sim.evidence.estimation.starting_values import started_from_curves',
     'from sma_sim.evidence.residual_analysis.compare import compare',
-    'from sma_sim.evidence.residual_analysis.summary import comparison_result, summarize',
+    'from sma_sim.evidence.residual_analysis.summary import summarize',
+    'from sma_sim.words.comparison import comparison_result',
+    'from sma_sim.words.json_values import write_json',
     'from sma_sim.workflow.data_request import DataRequest',
 )
 STEP_IMPORTS: Mapping[str, tuple[str, ...]] = {

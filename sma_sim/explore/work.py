@@ -25,7 +25,7 @@ from sma_sim.evidence.estimation.search_context import OnModel, silent_model
 from sma_sim.evidence.estimation.starting_values import started_from_curves
 from sma_sim.evidence.model_selection.nominal_fit import NOMINAL_STARTS, DiagnosisRequest
 from sma_sim.evidence.residual_analysis.compare import Comparison, compare
-from sma_sim.evidence.residual_analysis.summary import comparison_result, summarize
+from sma_sim.evidence.residual_analysis.summary import summarize
 from sma_sim.explore.events import EventLog
 from sma_sim.explore.jobs import COMMANDS, CURVES, PARAMETERS, REPORT, RESULT, SUMMARY, Job, write_curves
 from sma_sim.explore.session_files import VERSIONS, read_settings
@@ -36,6 +36,7 @@ from sma_sim.report.html.comparison_page import write_compare_page
 from sma_sim.report.html.diagnosis_page import write_diagnosis_page
 from sma_sim.report.html.page import Provenance
 from sma_sim.solver.first_start import announce_compilation
+from sma_sim.words.comparison import comparison_result
 from sma_sim.words.diagnosis_data import as_data
 from sma_sim.words.diagnosis_text import as_text
 from sma_sim.words.json_values import write_json

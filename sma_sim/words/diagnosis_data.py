@@ -10,20 +10,19 @@ from typing import Any
 
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.model_stage import ModelStage
-from sma_sim.evidence.estimation.plausibility import implausible_data
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
-from sma_sim.evidence.estimation.run_estimates import by_run_data
 from sma_sim.evidence.estimation.uncertainty import AmbientDifference
 from sma_sim.evidence.model_selection.candidates import other_form
 from sma_sim.evidence.search.equations import formula_of, has_terms
 from sma_sim.evidence.search.posterior import Posterior
 from sma_sim.evidence.search.steps import CandidateFit, SelectionStep
-from sma_sim.evidence.set_up.faults import fault_data
 from sma_sim.model.config import flat_parameters
 from sma_sim.model.effects.scope import SEPARATOR
+from sma_sim.words.fit_data import by_run_data, implausible_data
 from sma_sim.words.json_values import finite
 from sma_sim.words.nuisances import nuisance_data
 from sma_sim.words.proposed_equation import proposed_data
+from sma_sim.words.set_up import fault_data
 
 
 def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:

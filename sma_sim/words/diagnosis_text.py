@@ -8,21 +8,20 @@ from collections.abc import Iterator, Mapping, Sequence
 from sma_sim.evidence.diagnosis.conclusion import HeldOutVerdict
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.model_stage import ModelStage
-from sma_sim.evidence.estimation.plausibility import implausible_sentence
-from sma_sim.evidence.estimation.run_estimates import agreement_sentence, disagreement
+from sma_sim.evidence.estimation.run_estimates import disagreement
 from sma_sim.evidence.estimation.uncertainty import AmbientDifference, Interval
 from sma_sim.evidence.model_selection.candidates import unrealistic
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.pooled_refit import PooledErrors
 from sma_sim.evidence.search.steps import CandidateFit
 from sma_sim.evidence.set_up.check import is_uncertain
-from sma_sim.evidence.set_up.faults import set_up_sentences
 from sma_sim.model.parameters import Parameter
 from sma_sim.words.diagnosis_data import above_first, amounts, models, probabilities
-from sma_sim.words.fit_remarks import misfit_sentence, other_minima
+from sma_sim.words.fit_remarks import agreement_sentence, implausible_sentence, misfit_sentence, other_minima
 from sma_sim.words.nuisances import nuisance_sentences
 from sma_sim.words.probabilities import probability_lines
 from sma_sim.words.proposed_equation import describes, error_number, proposed_text
+from sma_sim.words.set_up import set_up_sentences
 
 NOTHING_MISSING = 'These data show no sign of a missing effect.'
 NOTHING_MISSING_BUT = 'Nothing is missing in the model. What differs from recording to recording: {what}.'

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from typing import Any
 
-from sma_sim.evidence.experiment_design.further_channels import channel_data
+from sma_sim.evidence.data.display_units import in_display_unit
+from sma_sim.evidence.experiment_design.further_channels import FurtherChannel
 from sma_sim.evidence.experiment_design.plan import ParameterPrecision, Plan
 from sma_sim.evidence.experiment_design.rival_fits import ModelHypothesis
 from sma_sim.evidence.experiment_design.sequences import as_rows
@@ -76,3 +78,38 @@ def indistinguishable_sentences(plan: Plan) -> Iterator[str]:
             f'no experiment on these channels tells {a} from {b} apart: the best of {plan.evaluated} sequences is expected '
             f'to bring a log evidence ratio of {most:.2g} (3 is odds of 20 to 1)'
         )
+
+
+def channels_sentence(found: Sequence[FurtherChannel]) -> str:
+    """The best of them in words; empty where none was compared."""
+    if not found:
+        return ''
+    best = found[0]
+    noise = in_display_unit(best.channel, best.noise_std)
+    if not best.expected:
+        return (
+            f'With the same commands, the {best.words} (noise {noise}) would tell most of these parameters: '
+            f'{best.information:.3g} nat.'
+        )
+    if not best.decides:
+        return (
+            f'No further channel along these recordings separates all explanations: the best, the {best.words} (noise '
+            f'{noise}), is expected to bring a log evidence ratio of {best.least:.2g} for the pair that it separates least.'
+        )
+    return (
+        f'With the same commands, the {best.words} (noise {noise}) would separate the explanations: expected log evidence '
+        f'ratio {best.least:.3g}, for the pair that it separates least (3 is odds of 20 to 1).'
+    )
+
+
+def channel_data(channel: FurtherChannel) -> dict[str, Any]:
+    """One of them for programs (SI, natural logarithms)."""
+    return {
+        'channel': channel.channel,
+        'measured': channel.measured,
+        'noise_std': channel.noise_std,
+        'utility': channel.utility,
+        'decides': channel.decides,
+        'information_nat': channel.information,
+        'expected_log_evidence_ratio': [asdict(ratio) for ratio in channel.expected],
+    }

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import isnan
 
 from sma_sim.evidence.estimation.calibrate import Calibration
 from sma_sim.evidence.estimation.fit_result import OtherStart
-from sma_sim.evidence.estimation.log_evidence import DECISIVE, kinetics_sentence
-from sma_sim.evidence.estimation.plausibility import implausible_sentence
-from sma_sim.evidence.estimation.run_estimates import agreement_sentence
+from sma_sim.evidence.estimation.log_evidence import DECISIVE
+from sma_sim.evidence.estimation.plausibility import ImplausibleParameter
+from sma_sim.evidence.estimation.run_estimates import DISAGREE, MIN_P, ParameterByRun, disagreement
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95, RULED_OUT
+from sma_sim.model.config import AUTO, Config
 from sma_sim.words.nuisances import offset_sentences
 
 MISFIT = 1.3  # normalized RMSE above which a model lacks something: noise that was estimated may be off by as much
@@ -81,3 +82,55 @@ def delay_sentence(found: Calibration) -> str:
     if abs(delay) <= 0.5 * interval:
         return f'{words}, within half a sampling interval ({1e3 * interval:.3g} ms): no finding'
     return words
+
+
+def agreement_sentence(found: Sequence[ParameterByRun], is_misfit: bool = False) -> str:
+    """What recordings say together, in a sentence; empty where no parameter could be compared.
+
+    `is_misfit`: whether the model leaves more than noise, which hides much of what recordings differ by.
+    """
+    tested = [parameter for parameter in found if parameter.dof]
+    if not tested:
+        return ''
+    worst = disagreement(found)
+    if worst is None:
+        least = min(tested, key=lambda parameter: parameter.p)
+        agree = 'do not disagree by more than what the model leaves in them' if is_misfit else 'agree on every parameter'
+        return f'The recordings {agree} (least on {least.name}: p = {least.p:.2g}).'
+    run, unit = worst.outlier, '' if worst.unit == '-' else f' {worst.unit}'
+    many = sum(parameter.p * len(tested) < DISAGREE for parameter in tested) - 1
+    further = f' and {many} more' if many else ''
+    others = f'{run.value:.5g} +- {run.std:.2g}{unit}, all together {worst.value:.5g}'
+    return (
+        f'The recordings disagree on {worst.name}{further} ({p_words(worst.p)}), most of all {run.run} ({others}). '
+        'Something differs between recordings, or is missing.'
+    )
+
+
+def p_words(p: float) -> str:
+    """A p-value, of which no more is said than that it is tiny where it is."""
+    return f'p = {p:.2g}' if p >= MIN_P else f'p < {MIN_P:g}'
+
+
+def implausible_sentence(found: Sequence[ImplausibleParameter]) -> str:
+    """What it means that parameters left their plausible range."""
+    return (
+        f'Outside the plausible range: {", ".join(parameter.text for parameter in found)}. The model is probably missing '
+        f'something, or its nominal values are not those of this robot{material_hint(found)}.'
+    )
+
+
+def material_hint(found: Sequence[ImplausibleParameter]) -> str:
+    """How another material is said, where one was taken."""
+    return ', or its wire is of another material (--material)' if any(one.material for one in found) else ''
+
+
+def kinetics_sentence(config: Config, probabilities: Mapping[str, float]) -> str:
+    """Which kinetics a fitted model has, and whether they were given; `probabilities` of both where they were not."""
+    if not probabilities:
+        return f'kinetics: {config.simulated_kinetics}, as given (--model auto fits both)'
+    shown = ', '.join(f'{name} {probability:.3g}' for name, probability in probabilities.items())
+    taken = config.simulated_kinetics
+    if config.kinetics == AUTO:
+        return f'kinetics: these recordings do not decide between them (probabilities: {shown}); {taken} was taken'
+    return f'kinetics: none were given, {taken} is more probable (probabilities: {shown})'

@@ -15,13 +15,13 @@ from sma_sim.evidence.estimation.calibrate import Calibration
 from sma_sim.evidence.estimation.free_parameters import values_of
 from sma_sim.evidence.estimation.held_out_prediction import RunFit, evaluate_held_out
 from sma_sim.evidence.estimation.homogeneity import HomogeneityTest, homogeneity_test
-from sma_sim.evidence.estimation.plausibility import implausible_data
-from sma_sim.evidence.estimation.run_estimates import by_run_data
 from sma_sim.evidence.residual_analysis.compare import compared_calibration
-from sma_sim.evidence.residual_analysis.summary import Summary, comparison_data, summarize
+from sma_sim.evidence.residual_analysis.summary import Summary, summarize
 from sma_sim.model.config import Config
 from sma_sim.report.html.comparison_page import write_fit_page
 from sma_sim.report.html.page import Provenance
+from sma_sim.words.comparison import comparison_data
+from sma_sim.words.fit_data import fit_result_data
 from sma_sim.workflow.code_folders import parameter_file_at
 
 
@@ -83,73 +83,3 @@ def write_fitted(path: Path, found: Calibration, folders: Sequence[str]) -> None
     origin = f'# Fitted by sma-sim fit to {names}: normalized RMSE {found.error:.4g}, delay {1e3 * found.delay:.3g} ms.\n'
     text = origin + parameter_file_at(path, found.config, folders)
     write_whole(path, lambda file: file.write(text))
-
-
-def fit_result_data(found: Calibration, predicted: Sequence[RunFit], dataset: Dataset) -> dict[str, Any]:
-    """The result for programs; SI units."""
-    uncertainty = found.uncertainty
-    intervals = {interval.name: interval for interval in uncertainty.intervals} if uncertainty else {}
-    return {
-        'model': found.config.simulated_kinetics,
-        'parameters': {
-            parameter.name: {
-                'value': found.values[parameter.name],
-                'unit': parameter.unit,
-                **interval_data(intervals.get(parameter.name)),
-            }
-            for parameter in found.free
-        },
-        'delay': found.delay,
-        'delay_std': uncertainty.delay_std if uncertainty else None,
-        'error': {
-            'train': found.error,
-            'held_out': mean_error_of(predicted),
-            'channels': found.channel_errors,
-            'runs': {fit.name: run_data(fit, held_out=False) for fit in found.runs}
-            | {fit.name: run_data(fit, held_out=True) for fit in predicted},
-        },
-        'kinetics': found.kinetics,
-        'unseen': uncertainty.unseen if uncertainty else None,
-        'directions': [{'std': direction.std, 'weights': direction.weights} for direction in uncertainty.directions]
-        if uncertainty
-        else None,
-        'correlation': uncertainty.correlation if uncertainty else None,
-        'at_bound': found.at_bound,
-        'limits': [asdict(limit) | {'text': limit.text} for limit in found.limits],
-        'implausible': [implausible_data(parameter) for parameter in found.implausible],
-        'by_recording': by_run_data(found.by_run),
-        'held': {parameter.name: parameter.reason for parameter in found.fixed},
-        'other_starts': [
-            {'excess': start.excess, 'log_odds': start.log_odds, 'same': start.same, 'values': start.values}
-            for start in found.other_starts
-        ],
-        'noise_std': dataset.noise_std,
-        'converged': found.converged,
-        'interrupted': found.interrupted,
-        'seconds': found.seconds,
-    }
-
-
-def interval_data(interval: Any) -> dict[str, Any]:
-    """An interval as plain data."""
-    return {} if interval is None else {name: getattr(interval, name) for name in ('low', 'high', 'std', 'log', 'seen')}
-
-
-def run_data(fit: RunFit, held_out: bool) -> dict[str, Any]:
-    """The errors of one run as plain data."""
-    return {
-        'error': fit.error,
-        'channels': fit.channel_errors,
-        'held_out': held_out,
-        'x_M': fit.x_M,
-        'start': fit.start,
-        'zero': fit.zero,
-        'zeros': fit.zeros,
-        'drifts': fit.drifts,
-        'ambient': fit.ambient,
-    }
-
-
-def mean_error_of(fits: Sequence[RunFit]) -> float | None:
-    """The normalized RMSE of several runs, None for none."""
-    return float((sum(fit.error**2 for fit in fits) / len(fits)) ** 0.5) if fits else None

@@ -25,10 +25,11 @@ from sma_sim.evidence.residual_analysis.patterns import find_patterns
 from sma_sim.evidence.residual_analysis.spectrum import BAND_EDGES, error_bands, welch
 from sma_sim.evidence.residual_analysis.strata import band_dimension, dimensions, round_step
 from sma_sim.evidence.residual_analysis.subgroups import Condition, Conditions, find_region, find_regions
-from sma_sim.evidence.residual_analysis.summary import comparison_data, summarize
+from sma_sim.evidence.residual_analysis.summary import summarize
 from sma_sim.evidence.residual_analysis.wire_states import RESTING, with_derived_states
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
+from sma_sim.words.comparison import comparison_data, spread_sentence
 from sma_sim.words.repair_notes import grouped_notes
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -228,9 +229,9 @@ def test_an_error_that_is_spread_is_not_said_to_be_noise(right):
         (28.0, 'times the noise in alpha, concentrates nowhere'),
     ):
         summary = summarize(with_error(right, 'alpha', lambda run: np.zeros(len(run.time)), noise))
-        assert words in summary.spread_sentence and summary.remarks == ()
-        assert comparison_data(summary)['spread'] == summary.spread_sentence
-    assert float(summary.spread_sentence.split()[2]) == pytest.approx(28.0, rel=0.05)
+        assert words in spread_sentence(summary) and summary.remarks == ()
+        assert comparison_data(summary)['spread'] == spread_sentence(summary)
+    assert float(spread_sentence(summary).split()[2]) == pytest.approx(28.0, rel=0.05)
 
 
 def test_what_is_said_of_an_error_is_ordered_by_weight(right):

@@ -8,12 +8,7 @@ import pytest
 from sma_sim import Config, Recording, wire_input
 from sma_sim.evidence.data.quasi_static import both_ways, smoothed_way
 from sma_sim.evidence.estimation.paper_calibration import FURTHER_NAMES, Loop, moved_to, summary, temperature
-from sma_sim.evidence.estimation.plateau_stresses import (
-    IsothermalTest,
-    isothermal_features,
-    isothermal_test,
-    plateaus_as_text,
-)
+from sma_sim.evidence.estimation.plateau_stresses import IsothermalTest, isothermal_features, isothermal_test
 from sma_sim.evidence.estimation.starting_values import (
     MARTENSITE_OVER_AUSTENITE,
     USUAL_SLOPE,
@@ -30,8 +25,9 @@ from sma_sim.evidence.estimation.transformation_temperatures import (
     isobaric_tests,
     tangents,
 )
-from sma_sim.evidence.estimation.transformation_temperatures import tests_as_text as isobaric_as_text
 from sma_sim.model.structures.discovery import known_structures
+from sma_sim.words.wire_tests import plateaus_as_text
+from sma_sim.words.wire_tests import tests_as_text as isobaric_as_text
 
 COLD, HOT = 250.0, 400.0
 COOLING, HEATING = (300.0, 315.0), (330.0, 350.0)  # M_f, M_s and A_s, A_f [K]

@@ -7,11 +7,12 @@ from test_curve_features import COLD, COOLING, HEATING, HOT, way
 
 from sma_sim import FitOptions, Input, Model, calibrate, compare, read_config, read_dataset, simulate
 from sma_sim.evidence.data.quasi_static import cycles, turning_rows
-from sma_sim.evidence.estimation.transformation_temperatures import isobaric_features, shown_cycles
-from sma_sim.evidence.estimation.transformation_temperatures import tests_as_text as as_text
-from sma_sim.evidence.residual_analysis.wire_tests import characterization, characterization_data
+from sma_sim.evidence.estimation.transformation_temperatures import isobaric_features
+from sma_sim.evidence.residual_analysis.wire_tests import characterization
 from sma_sim.report.html.characterization import characterization_section
 from sma_sim.report.html.page import Grid, Table
+from sma_sim.words.wire_tests import characterization_data, shown_cycles
+from sma_sim.words.wire_tests import tests_as_text as as_text
 
 COUNT, DRIFT, RATCHET = 12, -0.5, 1e-4  # cycles; what each moves the transformation by [K] and leaves behind
 

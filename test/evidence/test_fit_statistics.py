@@ -25,7 +25,6 @@ from sma_sim.evidence.estimation.run_estimates import (
     ReducedRun,
     cochran,
     own_values,
-    p_words,
     parameter_by_run,
     reduced_run,
     score_overdispersion,
@@ -43,6 +42,7 @@ from sma_sim.evidence.estimation.uncertainty import (
     uncertainty,
 )
 from sma_sim.model.parameters import Parameter
+from sma_sim.words.fit_remarks import p_words
 
 A = FreeParameter('a', 2.0, 0.5, -5.0, 5.0, True, 'Pa')
 B = FreeParameter('b', 0.0, 4.0, -5.0, 5.0, False, '-')

@@ -13,10 +13,11 @@ from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import RESISTIVITY_NAMES
 from sma_sim.evidence.estimation.problem import linearize
 from sma_sim.evidence.estimation.residuals import Nuisance
-from sma_sim.evidence.experiment_design.further_channels import channel_data, channels_sentence, further_channels, sensed
+from sma_sim.evidence.experiment_design.further_channels import further_channels, sensed
 from sma_sim.evidence.experiment_design.rival_fits import ModelHypothesis
 from sma_sim.evidence.experiment_design.utilities import RivalPair
 from sma_sim.evidence.model_selection.candidates import with_effect
+from sma_sim.words.experiment_design import channel_data, channels_sentence
 
 FREE = ('wire.lambda', 'beam.E')
 PAIRS = (RivalPair(0, 1), RivalPair(1, 0))

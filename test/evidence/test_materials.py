@@ -7,9 +7,10 @@ from simulated_data import config as module
 from sma_sim import FitOptions, Input, Recording, read_config
 from sma_sim.evidence.estimation.free_parameters import choose_free, with_values
 from sma_sim.evidence.estimation.materials import MATERIALS, material_of, usual_ranges
-from sma_sim.evidence.estimation.plausibility import implausible_parameters, implausible_sentence
+from sma_sim.evidence.estimation.plausibility import implausible_parameters
 from sma_sim.evidence.estimation.residuals import SOFTEST, ZERO_LIMIT, fit_data
 from sma_sim.model.errors import UserError
+from sma_sim.words.fit_remarks import implausible_sentence
 
 WIRE = ('system=wire', 'wire.sigma_T=8e6', 'wire.dsigma=1.6e8', 'wire.sigma_MW0=1e8')
 NAMES = ('wire.E_A', 'wire.eps_T', 'wire.sigma_MW0', 'wire.lambda')

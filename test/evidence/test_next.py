@@ -35,7 +35,6 @@ from sma_sim.evidence.experiment_design.design import (
     parameter_combinations,
 )
 from sma_sim.evidence.experiment_design.forecast import OperatingLimits, RunPrediction
-from sma_sim.evidence.experiment_design.further_channels import channels_sentence
 from sma_sim.evidence.experiment_design.plan import DesignRequest, ParameterPrecision
 from sma_sim.evidence.experiment_design.rival_fits import named_rivals
 from sma_sim.evidence.experiment_design.sequences import (
@@ -59,7 +58,7 @@ from sma_sim.evidence.experiment_design.utilities import (
 )
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.report.html.design_page import write_design_page
-from sma_sim.words.experiment_design import indistinguishable_sentences, plan_data
+from sma_sim.words.experiment_design import channels_sentence, indistinguishable_sentences, plan_data
 
 POSE = ('U_x', 'U_y', 'alpha')
 SHORT = {'length': 20.0, 'hold': 0.5, 'model': 'mas', 'budget': 16}

@@ -14,8 +14,8 @@ from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 from sma_sim.words.diagnosis_data import as_data
 from sma_sim.words.diagnosis_text import as_text
+from sma_sim.words.fit_data import fit_result_data
 from sma_sim.words.fit_remarks import remarks_on
-from sma_sim.workflow.fit import fit_result_data
 
 FREE = ('wire.lambda', 'wire.E_A', 'wire.E_M')
 

@@ -15,8 +15,6 @@ from sma_sim.evidence.estimation.problem import linearize
 from sma_sim.evidence.estimation.run_estimates import (
     ParameterByRun,
     RunEstimate,
-    agreement_sentence,
-    by_run_data,
     cochran,
     disagreement,
     estimates_by_run,
@@ -25,7 +23,8 @@ from sma_sim.evidence.estimation.run_estimates import (
 )
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95
 from sma_sim.report.html.by_run import by_run_blocks
-from sma_sim.words.fit_remarks import remarks_on
+from sma_sim.words.fit_data import by_run_data
+from sma_sim.words.fit_remarks import agreement_sentence, remarks_on
 
 FREE = ('wire.sigma_MW0', 'wire.lambda', 'beam.E')
 WARM = {'noise': 1.0, 'rate': 10.0, 'channels': ('U_y', 'alpha')}

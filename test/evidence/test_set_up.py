@@ -14,10 +14,11 @@ from sma_sim.evidence.diagnosis.review import reviewed
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.set_up.check import faults_before_fits, thinned
-from sma_sim.evidence.set_up.faults import Fault, corrected, set_up_sentences, without_faults
+from sma_sim.evidence.set_up.faults import Fault, corrected, without_faults
 from sma_sim.evidence.set_up.symmetry import symmetries, told_apart
 from sma_sim.words.diagnosis_data import as_data
 from sma_sim.words.diagnosis_text import as_text
+from sma_sim.words.set_up import set_up_sentences
 
 POSE, FORCES = ('U_x', 'U_y', 'alpha'), ('F_1', 'F_2')
 OPTIONS = FitOptions(starts=1)

@@ -25,6 +25,7 @@ from sma_sim.model.parameter_file import parameter_file
 from sma_sim.report.html.page import Provenance
 from sma_sim.words.json_values import write_json as write_json
 from sma_sim.words.repair_notes import grouped_notes
+from sma_sim.words.wire_tests import features_as_text
 from sma_sim.workflow.data_request import DataRequest
 
 EXIT_INTERRUPTED = 130  # exit code after Ctrl-C
@@ -144,7 +145,7 @@ def from_curves(fitted: Dataset, *configs: Config, is_fitted: bool = True) -> li
     """The configurations with starts from the curves of the tests of a wire, whose features are printed."""
     started = [started_from_curves(fitted, on_leading_bench(config, fitted), is_fitted) for config in configs]
     if features := started[0][1]:
-        print(*features.as_text(), '', sep='\n', flush=True)
+        print(*features_as_text(features), '', sep='\n', flush=True)
     return [config for config, _ in started]
 
 

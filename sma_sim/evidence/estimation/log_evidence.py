@@ -18,7 +18,6 @@ import numpy as np
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.levenberg_marquardt import accumulated, normal_parts
 from sma_sim.evidence.estimation.overdispersion import overdispersion
-from sma_sim.model.config import AUTO, Config
 
 DECISIVE = 5.0  # log odds: posterior odds of 150 to 1
 
@@ -45,14 +44,3 @@ def kinetics_probabilities(fits: Sequence[FitResult], evidences: Sequence[float]
     """The posterior probability of the kinetics of each fit, prior 1/2."""
     weights = [exp(evidence - max(evidences)) for evidence in evidences]
     return {fit.problem.config.simulated_kinetics: weight / sum(weights) for fit, weight in zip(fits, weights, strict=True)}
-
-
-def kinetics_sentence(config: Config, probabilities: Mapping[str, float]) -> str:
-    """Which kinetics a fitted model has, and whether they were given; `probabilities` of both where they were not."""
-    if not probabilities:
-        return f'kinetics: {config.simulated_kinetics}, as given (--model auto fits both)'
-    shown = ', '.join(f'{name} {probability:.3g}' for name, probability in probabilities.items())
-    taken = config.simulated_kinetics
-    if config.kinetics == AUTO:
-        return f'kinetics: these recordings do not decide between them (probabilities: {shown}); {taken} was taken'
-    return f'kinetics: none were given, {taken} is more probable (probabilities: {shown})'

@@ -6,7 +6,6 @@ the plateau stress; ASTM F2516 reads it at 3 % on the way up and 2.5 % on the wa
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -110,15 +109,3 @@ def slope_beyond(slope: Vector, flat: NDArray[np.bool_]) -> float:
 def plateau(smooth: Vector, flat: NDArray[np.bool_]) -> float:
     """The stress [Pa] in the middle of what is flat; NaN where that is too short."""
     return float(np.median(smooth[flat])) if flat.mean() >= MIN_PLATEAU else float('nan')
-
-
-def plateaus_as_text(tests: Sequence[IsothermalTest]) -> list[str]:
-    """A table of the plateau stresses."""
-    lines = [
-        'plateau stresses of isothermal tests [MPa], strain that the plateau takes:',
-        'test                 temperature [deg C]  loading  unloading   strain',
-    ]
-    for test in tests:
-        numbers = f'{1e-6 * test.loading:9.1f}{1e-6 * test.unloading:11.1f}{100.0 * test.plateau_strain:7.2f} %'
-        lines.append(f'{test.name:<20} {test.temperature - 273.15:19.1f}{numbers}')
-    return lines

@@ -9,9 +9,8 @@ calls usual of its material is plausible too, and where its transformation begin
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from math import log, sqrt
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,24 +140,6 @@ def moduli_out_of_order(
         return ()
     _, softer = by_name[SOFTER]
     return (ImplausibleParameter(SOFTER, E_M, softer.center, 0.0, E_A, softer.unit, 'order'),)
-
-
-def implausible_sentence(found: Sequence[ImplausibleParameter]) -> str:
-    """What it means that parameters left their plausible range."""
-    return (
-        f'Outside the plausible range: {", ".join(parameter.text for parameter in found)}. The model is probably missing '
-        f'something, or its nominal values are not those of this robot{material_hint(found)}.'
-    )
-
-
-def material_hint(found: Sequence[ImplausibleParameter]) -> str:
-    """How another material is said, where one was taken."""
-    return ', or its wire is of another material (--material)' if any(one.material for one in found) else ''
-
-
-def implausible_data(parameter: ImplausibleParameter) -> dict[str, Any]:
-    """One of them for programs (SI)."""
-    return asdict(parameter) | {'text': parameter.text}
 
 
 def reported_covariance(free: Sequence[FreeParameter], known: Uncertainty) -> Matrix:

@@ -9,9 +9,8 @@ Gauss-Newton step from the optimum of all. docs/explanation/calibration.md deriv
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -187,57 +186,3 @@ def disagreement(found: Sequence[ParameterByRun]) -> ParameterByRun | None:
     tested = [parameter for parameter in found if parameter.dof]
     worst = min(tested, key=lambda parameter: (parameter.p, -parameter.Q), default=None)
     return worst if worst is not None and worst.p * len(tested) < DISAGREE else None
-
-
-def agreement_sentence(found: Sequence[ParameterByRun], is_misfit: bool = False) -> str:
-    """What recordings say together, in a sentence; empty where no parameter could be compared.
-
-    `is_misfit`: whether the model leaves more than noise, which hides much of what recordings differ by.
-    """
-    tested = [parameter for parameter in found if parameter.dof]
-    if not tested:
-        return ''
-    worst = disagreement(found)
-    if worst is None:
-        least = min(tested, key=lambda parameter: parameter.p)
-        agree = 'do not disagree by more than what the model leaves in them' if is_misfit else 'agree on every parameter'
-        return f'The recordings {agree} (least on {least.name}: p = {least.p:.2g}).'
-    run, unit = worst.outlier, '' if worst.unit == '-' else f' {worst.unit}'
-    many = sum(parameter.p * len(tested) < DISAGREE for parameter in tested) - 1
-    further = f' and {many} more' if many else ''
-    others = f'{run.value:.5g} +- {run.std:.2g}{unit}, all together {worst.value:.5g}'
-    return (
-        f'The recordings disagree on {worst.name}{further} ({p_words(worst.p)}), most of all {run.run} ({others}). '
-        'Something differs between recordings, or is missing.'
-    )
-
-
-def p_words(p: float) -> str:
-    """A p-value, of which no more is said than that it is tiny where it is."""
-    return f'p = {p:.2g}' if p >= MIN_P else f'p < {MIN_P:g}'
-
-
-def by_run_data(found: Sequence[ParameterByRun]) -> dict[str, Any]:
-    """All of it for programs (SI)."""
-    worst = disagreement(found)
-    return {
-        'agree': worst is None,
-        'text': agreement_sentence(found),
-        'parameter': worst.name if worst else None,
-        'recording': worst.outlier.run if worst else None,
-        'parameters': {parameter.name: parameter_data(parameter) for parameter in found},
-    }
-
-
-def parameter_data(parameter: ParameterByRun) -> Mapping[str, Any]:
-    """One parameter."""
-    return {
-        'value': parameter.value,
-        'unit': parameter.unit,
-        'Q': parameter.Q,
-        'dof': parameter.dof,
-        'p': parameter.p if parameter.dof else None,
-        'recordings': {
-            run.run: {name: value for name, value in asdict(run).items() if name != 'run'} for run in parameter.runs
-        },
-    }

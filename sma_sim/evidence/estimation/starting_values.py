@@ -14,8 +14,8 @@ from itertools import combinations
 import numpy as np
 
 from sma_sim.evidence.data.recording import Dataset
-from sma_sim.evidence.estimation.plateau_stresses import IsothermalTest, isothermal_tests, plateaus_as_text
-from sma_sim.evidence.estimation.transformation_temperatures import IsobaricTest, isobaric_tests, tests_as_text
+from sma_sim.evidence.estimation.plateau_stresses import IsothermalTest, isothermal_tests
+from sma_sim.evidence.estimation.transformation_temperatures import IsobaricTest, isobaric_tests
 from sma_sim.model.config import Config
 
 USUAL_SLOPE = 7e6  # [Pa/K] of NiTi, where all tests have one stress
@@ -44,12 +44,6 @@ class CurveFeatures:
         loading = tuple((test.temperature, test.loading) for test in self.isothermal)
         unloading = tuple((test.temperature, test.unloading) for test in self.isothermal if np.isfinite(test.unloading))
         return ways[0] + loading, ways[1] + unloading
-
-    def as_text(self) -> list[str]:
-        """Tables for the terminal."""
-        tables = [tests_as_text(self.isobaric)] if self.isobaric else []
-        tables += [plateaus_as_text(self.isothermal)] if self.isothermal else []
-        return [line for table in tables for line in table]
 
 
 def curve_features(dataset: Dataset) -> CurveFeatures:

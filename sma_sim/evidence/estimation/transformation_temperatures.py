@@ -6,7 +6,6 @@ of the transformation (the evaluation of ASTM F2082 and F3097).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -130,45 +129,3 @@ def tangents(T: Vector, strain: Vector) -> Tangents:
 def crossing(line: Vector, slope: float, at: float, value: float) -> float:
     """Where a baseline (slope, offset) crosses the tangent of a `slope` through (`at`, `value`)."""
     return float((line[1] - value + slope * at) / (slope - line[0])) if slope != line[0] else at
-
-
-def tests_as_text(tests: Sequence[IsobaricTest]) -> list[str]:
-    """A table of the transformation temperatures, in deg C; of tests of several cycles some of these, and their drift."""
-    lines = [
-        'transformation temperatures by tangents [deg C], strain recovered by heating:',
-        'test                 stress [MPa]     M_f     M_s     A_s     A_f   strain',
-    ]
-    for test in tests:
-        if not test.cycles:
-            lines.append(line_of(test.name, test))
-            continue
-        lines += [line_of(f'{test.name} {k + 1}', test.cycles[k]) for k in shown_cycles(len(test.cycles))]
-        lines.append(drift_sentence(test))
-    return lines
-
-
-def line_of(name: str, test: IsobaricTest) -> str:
-    """One line of the table."""
-    numbers = ''.join(f'{T - 273.15:8.1f}' for T in test.temperatures)
-    return f'{name:<20} {test.stress / 1e6:12.4g} {numbers} {100.0 * test.recovered:6.2f} %'
-
-
-def shown_cycles(count: int) -> list[int]:
-    """Indices of the cycles that stand for all, 1, 2, 5, 10, ... and the last: a drift is fast at first."""
-    decades = (10**power for power in range(len(str(count))))
-    numbers = {step * decade for decade in decades for step in (1, 2, 5)}
-    return [number - 1 for number in sorted(numbers | {count}) if number <= count]
-
-
-def drift_sentence(test: IsobaricTest) -> str:
-    """By how much the cycles of a test drift, from the first to the last."""
-    first, last = test.cycles[0], test.cycles[-1]
-    moved = (
-        f'{name} {after - before:+.1f} K'
-        for name, before, after in zip(TEMPERATURES, first.temperatures, last.temperatures, strict=True)
-    )
-    return (
-        f'{test.name}: {len(test.cycles)} cycles, from the first to the last {", ".join(moved)}, strain at the hottest '
-        f'point {100.0 * (last.hottest_strain - first.hottest_strain):+.3f} %, recovered '
-        f'{100.0 * (last.recovered - first.recovered):+.3f} %'
-    )

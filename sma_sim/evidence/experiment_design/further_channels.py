@@ -9,13 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import RESISTIVITY_NAMES, declared_parameters, free_parameter, values_of
@@ -210,38 +208,3 @@ def channel_prediction(name: str, runs: Sequence[FitData], linear: Sequence[Line
         centres.append(part.residuals[row] + run.measured[row] * run.weight[row])
         jacobians.append(root[part.indices].T @ part.jacobian[:, row])
     return RunPrediction(np.concatenate(centres)[None], np.hstack(jacobians)[None], np.zeros((0, 0)), 0.0, 0.0)
-
-
-def channels_sentence(found: Sequence[FurtherChannel]) -> str:
-    """The best of them in words; empty where none was compared."""
-    if not found:
-        return ''
-    best = found[0]
-    noise = in_display_unit(best.channel, best.noise_std)
-    if not best.expected:
-        return (
-            f'With the same commands, the {best.words} (noise {noise}) would tell most of these parameters: '
-            f'{best.information:.3g} nat.'
-        )
-    if not best.decides:
-        return (
-            f'No further channel along these recordings separates all explanations: the best, the {best.words} (noise '
-            f'{noise}), is expected to bring a log evidence ratio of {best.least:.2g} for the pair that it separates least.'
-        )
-    return (
-        f'With the same commands, the {best.words} (noise {noise}) would separate the explanations: expected log evidence '
-        f'ratio {best.least:.3g}, for the pair that it separates least (3 is odds of 20 to 1).'
-    )
-
-
-def channel_data(channel: FurtherChannel) -> dict[str, Any]:
-    """One of them for programs (SI, natural logarithms)."""
-    return {
-        'channel': channel.channel,
-        'measured': channel.measured,
-        'noise_std': channel.noise_std,
-        'utility': channel.utility,
-        'decides': channel.decides,
-        'information_nat': channel.information,
-        'expected_log_evidence_ratio': [asdict(ratio) for ratio in channel.expected],
-    }

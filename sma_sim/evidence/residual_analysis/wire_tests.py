@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any, Generic, TypeVar
+from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,22 +56,6 @@ def characterization(comparison: Comparison) -> Characterization:
         tuple(sorted(isobaric, key=lambda test: test.measured.stress)),
         tuple(sorted(isothermal, key=lambda test: test.measured.temperature)),
     )
-
-
-def characterization_data(found: Characterization) -> dict[str, Any]:
-    """The tests for programs, by recording; SI units, None where something is unknown."""
-    return {
-        'isobaric': {test.run.name: features_data(test) for test in found.isobaric},
-        'isothermal': {test.run.name: features_data(test) for test in found.isothermal},
-        'slopes': {'to_martensite': found.slopes[0], 'to_austenite': found.slopes[1]},
-    }
-
-
-def features_data(test: EvaluatedTest[Any]) -> dict[str, Any]:
-    """A test as plain data: measured, and of the model."""
-    return {
-        'held_out': test.run.held_out, 'measured': asdict(test.measured), 'model': asdict(test.model) if test.model else None
-    }  # fmt: skip
 
 
 def evaluated(

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from sma_sim.evidence.estimation.run_estimates import ParameterByRun, RunEstimate, agreement_sentence, p_words
+from sma_sim.evidence.estimation.run_estimates import ParameterByRun, RunEstimate
 from sma_sim.report.html.figures import new_figure
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Table
+from sma_sim.words.fit_remarks import agreement_sentence, p_words
 
 MAX_COLUMNS = 8  # recordings of a table; more are in the figure only
 MAX_DEVIATION = 5.0  # standard errors, at the end of the colours

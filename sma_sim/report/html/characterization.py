@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from sma_sim.evidence.estimation.transformation_temperatures import TEMPERATURES, IsobaricTest, shown_cycles
+from sma_sim.evidence.estimation.transformation_temperatures import TEMPERATURES, IsobaricTest
 from sma_sim.evidence.residual_analysis.wire_tests import Characterization, EvaluatedTest
 from sma_sim.model.config import Config
 from sma_sim.report.html.figures import envelope, new_figure, small
 from sma_sim.report.html.page import Block, Bullets, Grid, Paragraph, Plot, Section, Table
 from sma_sim.report.palette import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY
+from sma_sim.words.wire_tests import shown_cycles
 
 LEVEL_COLOURS = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, GREY)
 TEMPERATURE_COLOURS = dict(zip(TEMPERATURES, (BLUE, SKY, ORANGE, RED), strict=True))

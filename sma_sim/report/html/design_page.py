@@ -10,13 +10,12 @@ import numpy as np
 
 from sma_sim.evidence.data.display_units import DISPLAY_UNITS, in_display_unit
 from sma_sim.evidence.experiment_design.curves import HypothesisCurves, best_hypothesis
-from sma_sim.evidence.experiment_design.further_channels import channels_sentence
 from sma_sim.evidence.experiment_design.plan import Plan
 from sma_sim.evidence.experiment_design.sequences import as_rows
 from sma_sim.report.html.figures import new_figure, small
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Provenance, Section, Table, write_page
 from sma_sim.report.palette import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY
-from sma_sim.words.experiment_design import indistinguishable_sentences
+from sma_sim.words.experiment_design import channels_sentence, indistinguishable_sentences
 
 HYPOTHESIS_COLOURS = (BLUE, RED, GREEN, PURPLE, SKY, GREY)
 BAND = 2.0  # standard deviations

@@ -10,7 +10,6 @@ from typing import Any
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.model_stage import ModelStage
 from sma_sim.evidence.diagnosis.review import DiagnosisReview
-from sma_sim.evidence.set_up.faults import set_up_sentences
 from sma_sim.report.html.candidates import selection_section
 from sma_sim.report.html.comparison_page import comparison_sections
 from sma_sim.report.html.data import data_section
@@ -22,6 +21,7 @@ from sma_sim.report.palette import GREY
 from sma_sim.words.diagnosis_data import as_data
 from sma_sim.words.diagnosis_text import headline, remarks, short_title, verdict_words
 from sma_sim.words.probabilities import finding_rows, model_rows, probability_lines
+from sma_sim.words.set_up import set_up_sentences
 
 HELD_OUT_NOTE = (
     'From the models of the search, each refitted without the run: which of them the other runs ask for, and how that one '

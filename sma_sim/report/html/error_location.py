@@ -10,6 +10,7 @@ from sma_sim.evidence.residual_analysis.summary import Summary
 from sma_sim.report.html.figures import SHOWN, new_figure
 from sma_sim.report.html.page import Block, Bullets, Grid, Paragraph, Plot, Section, Tabs
 from sma_sim.report.palette import GREY
+from sma_sim.words.comparison import spread_sentence
 
 BAR_HEIGHT, FRAME_HEIGHT = 38, 92  # heights [px]
 MAX_SENTENCES = 5  # before the channels, each of which has all of its own
@@ -27,7 +28,7 @@ SPLIT_NOTE = (
 def error_location_section(summary: Summary) -> Section:
     """The most important sentences, then a tab per channel, the worst first: all that is said of it, and its splits."""
     remarks, names = summary.remarks, by_error(summary)
-    lead: Block = Paragraph(summary.spread_sentence, 'lead')
+    lead: Block = Paragraph(spread_sentence(summary), 'lead')
     if remarks:
         lead = Bullets([remark.text for remark in remarks[:MAX_SENTENCES]], numbered=True)
     note = (SEARCH_NOTE if remarks else '') + SPLIT_NOTE
