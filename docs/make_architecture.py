@@ -54,10 +54,20 @@ COLOURS = {
     'challenge': '#f3e3c3',
 }
 COLUMNS = {  # where the boxes stand, so that no arrow crosses one
-    'challenge': -3.4, 'cli/common': -2.4, 'evidence/latent_input': -1.4, 'evidence/experiment_design': 0.9, 'ros': 3.4,
-    'explore': 1.0, 'workflow': 1.0, 'evidence/diagnosis': 2.2,
-    'evidence/symbolic_regression': 1.3, 'evidence/residual_analysis': 2.4, 'evidence/monitoring': 3.4,
-}  # fmt: skip
+    'challenge': -3.4,
+    'cli/common': -2.4,
+    'evidence/latent_input': -1.4,
+    'evidence/experiment_design': 1.7,
+    'ros': 3.4,
+    'explore': 1.0,
+    'workflow': 1.0,
+    'evidence/diagnosis': 2.4,
+    'evidence/symbolic_regression': 1.3,
+    'evidence/residual_analysis': 2.3,
+    'evidence/monitoring': 3.0,
+    'evidence/state_estimation': 3.6,
+    'gym': 2.4,
+}
 
 
 def room_of(parts: tuple[str, ...]) -> str:
