@@ -116,7 +116,7 @@ def drawn_parameter(name: str, unit: str, low: float, high: float, description: 
     """A parameter of a truth with the range from which it is drawn; its default is the middle of it."""
     middle = math.sqrt(low * high) if low > 0.0 else 0.5 * (low + high)
     reach = 10.0 * max(abs(low), abs(high))
-    return Parameter(name, middle, unit, (-reach, reach), description, '', None, (low, high))
+    return Parameter(name, middle, unit, (-reach, reach), description, realistic=(low, high))
 
 
 @cache

@@ -19,9 +19,26 @@ from sma_sim.model.nearest import suggestion
 from sma_sim.model.optional import missing
 
 VERBS = (
-    'tour', 'init', 'simulate', 'explore', 'fit', 'compare', 'diagnose', 'latent', 'add', 'next', 'observe', 'play', 'plot',
-    'bag', 'effects', 'systems', 'challenge', 'paper', 'compile',
-)  # fmt: skip
+    'tour',
+    'init',
+    'simulate',
+    'explore',
+    'fit',
+    'compare',
+    'diagnose',
+    'latent',
+    'add',
+    'next',
+    'observe',
+    'play',
+    'plot',
+    'bag',
+    'effects',
+    'systems',
+    'challenge',
+    'paper',
+    'compile',
+)
 PACKAGE = 'sma_sim'
 BROKEN_PIPE = 141  # as a shell says of a program that SIGPIPE ended
 TOO_MUCH = '--hold-out'  # takes every name after it

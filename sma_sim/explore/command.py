@@ -133,9 +133,13 @@ def command_from(data: Any, structure: Structure) -> Command:
     if not all(isinstance(text, str) for text in texts) or len(texts[1]) > MAX_TEXT:
         raise UserError(f'command: expected the name and the text of a file, at most {MAX_TEXT // 1_000_000} MB')
     return Command(
-        data['kind'], rows=tuple(row_from(row, columns) for row in rows), column=str(column), name=texts[0], text=texts[1],
+        data['kind'],
+        rows=tuple(row_from(row, columns) for row in rows),
+        column=str(column),
+        name=texts[0],
+        text=texts[1],
         **numbers,
-    )  # fmt: skip
+    )
 
 
 def row_from(row: Any, columns: Sequence[str]) -> tuple[float, ...]:

@@ -19,10 +19,14 @@ PREFIXES = {-9: 'n', -6: 'µ', -3: 'm', 3: 'k', 6: 'M', 9: 'G'}
 PREFIXED = ('Pa', 'W', 'N', 'm', 'V', 's')  # units that take a prefix where they come first, with the power one
 AROUND = (0.5, 2.0)  # what a slider covers, relative to the default
 PORT_TITLES = {
-    'actuation': 'Driver: from the command to the heating', 'wire_heat': 'Heat of a wire', 'wire_strain': 'Strain of a wire',
-    'transformation_stress': 'Transformation of a wire', 'wire_force': 'Force of a wire',
-    'structure_force': 'Forces on the structure', 'sensing': 'Sensors',
-}  # fmt: skip
+    'actuation': 'Driver: from the command to the heating',
+    'wire_heat': 'Heat of a wire',
+    'wire_strain': 'Strain of a wire',
+    'transformation_stress': 'Transformation of a wire',
+    'wire_force': 'Force of a wire',
+    'structure_force': 'Forces on the structure',
+    'sensing': 'Sensors',
+}
 
 
 def controls_of(config: Config, known: Mapping[str, FoundEffect]) -> dict[str, Any]:
@@ -42,10 +46,15 @@ def controls_of(config: Config, known: Mapping[str, FoundEffect]) -> dict[str, A
         if group not in LEFT_OUT
     ]
     return {
-        'title': structure.title, 'system': config.system, 'model': config.simulated_kinetics, 'models': list(MODELS),
-        'description': structure.description, 'groups': groups, 'effects': effects_data(config, known),
+        'title': structure.title,
+        'system': config.system,
+        'model': config.simulated_kinetics,
+        'models': list(MODELS),
+        'description': structure.description,
+        'groups': groups,
+        'effects': effects_data(config, known),
         'active': [active.found.effect.name for active in config.effects],
-    }  # fmt: skip
+    }
 
 
 def parameter_data(name: str, parameter: Parameter, value: float, default: float) -> dict[str, Any]:
@@ -53,10 +62,21 @@ def parameter_data(name: str, parameter: Parameter, value: float, default: float
     low, high = slider_range(parameter, value, default)
     power, unit = shown_unit(parameter.unit, default if math.isfinite(default) and default else high)
     return {
-        'name': name, 'label': parameter.name, 'meaning': parameter.description, 'source': parameter.source,
-        'unit': unit, 'power': power, 'si': parameter.unit, 'value': finite(value), 'default': finite(default),
-        'low': low, 'high': high, 'least': parameter.bounds[0], 'most': parameter.bounds[1], 'neutral': parameter.neutral,
-    }  # fmt: skip
+        'name': name,
+        'label': parameter.name,
+        'meaning': parameter.description,
+        'source': parameter.source,
+        'unit': unit,
+        'power': power,
+        'si': parameter.unit,
+        'value': finite(value),
+        'default': finite(default),
+        'low': low,
+        'high': high,
+        'least': parameter.bounds[0],
+        'most': parameter.bounds[1],
+        'neutral': parameter.neutral,
+    }
 
 
 def slider_range(parameter: Parameter, value: float, default: float) -> tuple[float, float]:
@@ -113,9 +133,17 @@ def effect_data(shown: Effect, plain: Effect, values: Mapping[str, float]) -> di
         for p in shown.parameters
     ]
     return {
-        'name': plain.name, 'shown': shown.name, 'title': plain.phrase, 'port': PORT_TITLES[plain.port],
-        'equation': plain.equation, 'source': plain.source, 'energy': plain.energy, 'description': plain.description,
-        'signature': plain.signature, 'confused_with': list(plain.confused_with), 'same_as': plain.same_as,
+        'name': plain.name,
+        'shown': shown.name,
+        'title': plain.phrase,
+        'port': PORT_TITLES[plain.port],
+        'equation': plain.equation,
+        'source': plain.source,
+        'energy': plain.energy,
+        'description': plain.description,
+        'signature': plain.signature,
+        'confused_with': list(plain.confused_with),
+        'same_as': plain.same_as,
         'scopes': [{'name': f'{plain.name}@{scope.name}', 'words': scope.words} for scope in plain.scopes],
         'parameters': parameters,
-    }  # fmt: skip
+    }

@@ -63,10 +63,15 @@ def curves_data(run: ShownRun, window: tuple[float, float] | None, pixels: int, 
         part = slice(max(int(first) - 1, 0), int(last) + 1)
     columns = {name: values[part] for name, values in run.columns.items()}
     return {
-        'panels': panels_data(columns, pixels, numbers), 'modes': modes_data(columns),
-        'loops': loops_data(run, numbers), 'rate': run.rate, 'end': finite_end(run), 'reason': run.reason,
-        'completed': run.completed, 'notes': list(run.notes),
-    }  # fmt: skip
+        'panels': panels_data(columns, pixels, numbers),
+        'modes': modes_data(columns),
+        'loops': loops_data(run, numbers),
+        'rate': run.rate,
+        'end': finite_end(run),
+        'reason': run.reason,
+        'completed': run.completed,
+        'notes': list(run.notes),
+    }
 
 
 def finite_end(run: ShownRun) -> float:
@@ -82,10 +87,18 @@ def panels_data(columns: Mapping[str, Vector], pixels: int, numbers: Numbers) ->
         curves = []
         for name, label, colour, factor, offset in panel.curves:
             at = decimated(time, columns[name], pixels)
-            curves.append({
-                'column': name, 'label': label, 'colour': colour, 'factor': factor, 'offset': offset,
-                'held': is_held(name), 'x': numbers.put(time[at]), 'y': numbers.put(columns[name][at]),
-            })  # fmt: skip
+            curves.append(
+                {
+                    'column': name,
+                    'label': label,
+                    'colour': colour,
+                    'factor': factor,
+                    'offset': offset,
+                    'held': is_held(name),
+                    'x': numbers.put(time[at]),
+                    'y': numbers.put(columns[name][at]),
+                }
+            )
         found.append({'id': panel.label, 'label': panel.label, 'curves': curves})
     return found
 
@@ -99,10 +112,14 @@ def modes_data(columns: Mapping[str, Vector]) -> list[dict[str, Any]]:
             continue
         mode = np.nan_to_num(values, nan=3.0).astype(int)
         begin = np.concatenate([[0], np.flatnonzero(np.diff(mode)) + 1])
-        bands.append({
-            'label': f'wire {wire.group(1) or ""}'.strip(), 'begin': time[begin].tolist(), 'mode': mode[begin].tolist(),
-            'end': float(time[-1]),
-        })  # fmt: skip
+        bands.append(
+            {
+                'label': f'wire {wire.group(1) or ""}'.strip(),
+                'begin': time[begin].tolist(),
+                'mode': mode[begin].tolist(),
+                'end': float(time[-1]),
+            }
+        )
     return bands
 
 
@@ -181,6 +198,9 @@ def frames_data(run: ShownRun, numbers: Numbers) -> dict[str, Any]:
         found.append([value for line in (*lines.wires, *lines.bodies) for axis in projected(line) for value in axis])
     modes = [name for name in run.columns if re.fullmatch(MODE_COLUMN, name)]
     return {
-        **shape, 'count': len(at), 'time': numbers.put(run.time[at]), 'points': numbers.put(np.array(found)),
+        **shape,
+        'count': len(at),
+        'time': numbers.put(run.time[at]),
+        'points': numbers.put(np.array(found)),
         'modes': [numbers.put(np.nan_to_num(run.columns[name][at], nan=3.0)) for name in modes],
-    }  # fmt: skip
+    }

@@ -263,9 +263,7 @@ class Config(Comparable):
         return f'Config(system={self.system!r}, kinetics={self.kinetics!r}, effects=[{effects}], {{{changed}}})'
 
 
-def checked_priors(
-    given: Mapping[str, RawValue], structure: Structure, effects: Iterable[ActiveEffect]
-) -> dict[str, float]:  # fmt: skip
+def checked_priors(given: Mapping[str, RawValue], structure: Structure, effects: Iterable[ActiveEffect]) -> dict[str, float]:
     """Standard deviations of what a fit can change, by full name. Raises ConfigError."""
     declared = {name: one for name, one in structure.all_parameters.items() if name.split('.')[0] not in NEVER_FITTED}
     declared |= effect_parameters({active.found.effect.name: active.found for active in effects})

@@ -59,7 +59,7 @@ def read_yaml(path: Path, node: str | None = None) -> dict[str, Any]:
     speaks to every node. Without a name, what it says to our nodes in the one namespace that it names.
 
     Raises ConfigError for a file that cannot be read, NothingForNode where it says nothing to the node.
-    """  # fmt: skip
+    """
     content = load(path)
     sections = list(sections_of(content, path))
     if not sections:
@@ -159,8 +159,10 @@ def check_override(name: str, value: Any, where: str) -> None:
     """Raise ConfigError for a policy of quality of service that is none, or a value that it cannot have."""
     *_, entity, policy = ['', *name.rsplit('.', 2)]
     if policy not in POLICIES or entity not in ('publisher', 'subscription'):
-        raise ConfigError(f'{name} ({where}): expected {QOS_OVERRIDES}TOPIC.publisher.POLICY or .subscription.POLICY, where '
-                          f'POLICY is one of {", ".join(POLICIES)}')  # fmt: skip
+        raise ConfigError(
+            f'{name} ({where}): expected {QOS_OVERRIDES}TOPIC.publisher.POLICY or .subscription.POLICY, where '
+            f'POLICY is one of {", ".join(POLICIES)}'
+        )
     if policy == 'depth':
         if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= DEEPEST:
             raise ConfigError(f'{name} = {value!r} ({where}): expected a whole number of messages, 1 to {DEEPEST}')

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Real
 from typing import NamedTuple
 
@@ -53,10 +53,15 @@ class Parameter:
     unit: str
     bounds: tuple[float, float]
     description: str
-    source: str = PAPER
+    source: str = ''
     neutral: float | None = None
     realistic: tuple[float, float] | None = None
     quantity: str = ''
+
+
+def declared_in(source: str, *parameters: Parameter) -> tuple[Parameter, ...]:
+    """Parameters whose defaults come from the same source, but for those that say their own."""
+    return tuple(replace(parameter, source=parameter.source or source) for parameter in parameters)
 
 
 def fault_of(parameter: Parameter) -> str:
@@ -80,7 +85,8 @@ def is_number(value: object) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool)
 
 
-WIRE_PARAMETERS = (
+WIRE_PARAMETERS = declared_in(
+    PAPER,
     Parameter('E_A', 12.3e9, 'Pa', (1e8, 1e12), "Young's modulus of austenite"),
     Parameter('E_M', 7.8e9, 'Pa', (1e8, 1e12), "Young's modulus of martensite"),
     Parameter('eps_T', 0.067, '-', (1e-3, 0.3), 'transformation strain'),
@@ -96,32 +102,30 @@ WIRE_PARAMETERS = (
     Parameter('omega_x', 100.0, '1/s', (1e-3, 1e9), 'attempt frequency of the MAS kinetics'),
     Parameter('V_L', 5e-23, 'm^3', (1e-27, 1e-18), 'volume of a mesoscopic layer (MAS kinetics)'),
     Parameter('n', 10.0, '-', (1.0, 10000.0), 'wires in one bundle'),
-    Parameter('resistivity_A', 8.9e-7, 'ohm m', (1e-9, 1e-3), 'resistivity of austenite at 293.15 K', RESISTIVITY),
-    Parameter(
-        'resistivity_M', 1.02e-6, 'ohm m', (1e-9, 1e-3), 'resistivity of oriented martensite at 293.15 K', RESISTIVITY
-    ),
-    Parameter(
-        'resistivity_T_A',
-        2e-4,
-        '1/K',
-        (-0.01, 0.01),
-        'its relative slope over temperature, austenite',
+    *declared_in(
         RESISTIVITY,
-        None,
-        (0.0, 1.5e-3),
-    ),
-    Parameter(
-        'resistivity_T_M',
-        3e-4,
-        '1/K',
-        (-0.01, 0.01),
-        'its relative slope over temperature, martensite',
-        RESISTIVITY,
-        None,
-        (0.0, 2e-3),
+        Parameter('resistivity_A', 8.9e-7, 'ohm m', (1e-9, 1e-3), 'resistivity of austenite at 293.15 K'),
+        Parameter('resistivity_M', 1.02e-6, 'ohm m', (1e-9, 1e-3), 'resistivity of oriented martensite at 293.15 K'),
+        Parameter(
+            'resistivity_T_A',
+            2e-4,
+            '1/K',
+            (-0.01, 0.01),
+            'its relative slope over temperature, austenite',
+            realistic=(0.0, 1.5e-3),
+        ),
+        Parameter(
+            'resistivity_T_M',
+            3e-4,
+            '1/K',
+            (-0.01, 0.01),
+            'its relative slope over temperature, martensite',
+            realistic=(0.0, 2e-3),
+        ),
     ),
 )
-BEAM_PARAMETERS = (
+BEAM_PARAMETERS = declared_in(
+    PAPER,
     Parameter('L', 0.1, 'm', (1e-3, 10.0), 'length of the beam'),
     Parameter('E', 2e9, 'Pa', (1e5, 1e13), "Young's modulus of the beam"),
     Parameter('h', 2.5e-3, 'm', (1e-5, 1.0), 'radius of the beam: A = pi h^2, I = pi h^4/4'),
@@ -129,147 +133,95 @@ BEAM_PARAMETERS = (
     Parameter('b_y', 2.0, 'N s/m', (0.0, 1e6), 'damping of U_y'),
     Parameter('b_alpha', 2.0, 'N m s', (0.0, 1e6), 'damping of alpha'),
 )
-PLATE_PARAMETERS = (
+PLATE_PARAMETERS = declared_in(
+    PAPER,
     Parameter('W', 10e-3, 'm', (1e-4, 10.0), 'width of the plate: distance of the two bundles'),
     Parameter('m_H', 10e-3, 'kg', (1e-6, 1e4), 'mass of the plate'),
 )
-ENVIRONMENT_PARAMETERS = (Parameter('T_E', 298.0, 'K', KELVIN, 'ambient temperature'),)
+ENVIRONMENT_PARAMETERS = declared_in(PAPER, Parameter('T_E', 298.0, 'K', KELVIN, 'ambient temperature'))
 
 
 def initial_fraction(i: int) -> Parameter:
     """The declaration of x_M of wire `i` at the start, from 1 on."""
     return Parameter(
-        f'x_M_{i}', math.nan, '-', (0.0, 1.0),
+        f'x_M_{i}',
+        math.nan,
+        '-',
+        (0.0, 1.0),
         f'martensite fraction of wire {i} at the start; NaN: sigma = sigma_A(T_E) in static equilibrium',
         source='the paper gives none; the wire was stretched from austenite',
-    )  # fmt: skip
+    )
 
 
 INITIAL_PARAMETERS = (initial_fraction(1), initial_fraction(2))  # those of further wires: Structure.initial
-NODE_PAGE = 'docs/reference/node.md'
-SOLVER_PARAMETERS = (
-    Parameter('rtol', 1e-5, '-', (1e-12, 1e-1), 'relative tolerance of a step', source='docs/explanation/solver.md'),
+SOLVER_PARAMETERS = declared_in(
+    'docs/explanation/solver.md',
+    Parameter('rtol', 1e-5, '-', (1e-12, 1e-1), 'relative tolerance of a step'),
 )
 
-NODE_PARAMETERS = (
-    Parameter('integration_rate', 1000.0, 'Hz', (1.0, 100000.0), 'steps of the simulation per second',
-              source=NODE_PAGE),
-    Parameter('publish_rate', 100.0, 'Hz', (0.1, 10000.0), 'messages per second and topic', source=NODE_PAGE),
-    Parameter('real_time_factor', 1.0, '-', (0.0, 1000.0), 'simulated over wall time; 0: as fast as possible',
-              source=NODE_PAGE),
-    Parameter('command_timeout', 10.0, 's', (0.0, 1e6), 'without a command for this long, heating is off; 0: never',
-              source=NODE_PAGE),
-    Parameter('J_max', 30.0, 'W', (0.0, 1e6), 'commands beyond it are clipped', source=NODE_PAGE),
-    Parameter('steps_per_call', 1.0, '-', (1.0, 1e9), 'steps that one call of ~/step makes', source=NODE_PAGE),
-    Parameter('record_duration', 0.0, 's', (0.0, 1e6), "simulated time in one of the bag's files; 0: no limit",
-              source=NODE_PAGE),
-    Parameter('record_size', 0.0, 'MB', (0.0, 1e6), "size of one of the bag's files; 0: no limit", source=NODE_PAGE),
-    Parameter('realtime_priority', 0.0, '-', (0.0, 99.0), 'SCHED_FIFO priority of the thread that steps; 0: none',
-              source=NODE_PAGE),
-)  # fmt: skip
+NODE_PARAMETERS = declared_in(
+    'docs/reference/node.md',
+    Parameter('integration_rate', 1000.0, 'Hz', (1.0, 100000.0), 'steps of the simulation per second'),
+    Parameter('publish_rate', 100.0, 'Hz', (0.1, 10000.0), 'messages per second and topic'),
+    Parameter('real_time_factor', 1.0, '-', (0.0, 1000.0), 'simulated over wall time; 0: as fast as possible'),
+    Parameter('command_timeout', 10.0, 's', (0.0, 1e6), 'without a command for this long, heating is off; 0: never'),
+    Parameter('J_max', 30.0, 'W', (0.0, 1e6), 'commands beyond it are clipped'),
+    Parameter('steps_per_call', 1.0, '-', (1.0, 1e9), 'steps that one call of ~/step makes'),
+    Parameter('record_duration', 0.0, 's', (0.0, 1e6), "simulated time in one of the bag's files; 0: no limit"),
+    Parameter('record_size', 0.0, 'MB', (0.0, 1e6), "size of one of the bag's files; 0: no limit"),
+    Parameter('realtime_priority', 0.0, '-', (0.0, 99.0), 'SCHED_FIFO priority of the thread that steps; 0: none'),
+)
 
-CHECK_PARAMETERS = (
-    Parameter('threshold', 3.0, '-', (0.01, 1e9), 'running normalized RMSE above which the model misses a channel',
-              source=NODE_PAGE),
-    Parameter('window', 5.0, 's', (0.01, 1e4), 'the running RMSE is over it; the model has left when it misses for as long',
-              source=NODE_PAGE),
-    Parameter('burn_in', 20.0, 's', (0.0, 1e6), 'after a start of the model, without a verdict', source=NODE_PAGE),
-    Parameter('latency', 0.1, 's', (0.0, 10.0), 'wait after a measured sample for commands that are on their way',
-              source=NODE_PAGE),
-    Parameter('longest_gap', 10.0, 's', (0.001, 1e4), 'gap in the measurement after which the model starts anew',
-              source=NODE_PAGE),
-    Parameter('diagnosis_period', 10.0, 's', (0.0, 1e6), 'between two looks for the cause of a deviation; 0: none',
-              source=NODE_PAGE),
-    Parameter('noise_U_x', 2e-6, 'm', (1e-15, 1.0), 'standard deviation of the noise of U_x', source=NODE_PAGE),
-    Parameter('noise_U_y', 1e-5, 'm', (1e-15, 1.0), 'standard deviation of the noise of U_y', source=NODE_PAGE),
-    Parameter('noise_alpha', 3.5e-4, 'rad', (1e-15, 1.0), 'standard deviation of the noise of alpha', source=NODE_PAGE),
-    Parameter('noise_F_1', 0.05, 'N', (1e-12, 1e6), 'standard deviation of the noise of F_1', source=NODE_PAGE),
-    Parameter('noise_F_2', 0.05, 'N', (1e-12, 1e6), 'standard deviation of the noise of F_2', source=NODE_PAGE),
-    Parameter('noise_T_1', 1.0, 'K', (1e-9, 1e3), 'standard deviation of the noise of T_1', source=NODE_PAGE),
-    Parameter('noise_T_2', 1.0, 'K', (1e-9, 1e3), 'standard deviation of the noise of T_2', source=NODE_PAGE),
-)  # fmt: skip
+CHECK_PARAMETERS = declared_in(
+    'docs/reference/node.md',
+    Parameter('threshold', 3.0, '-', (0.01, 1e9), 'running normalized RMSE above which the model misses a channel'),
+    Parameter('window', 5.0, 's', (0.01, 1e4), 'the running RMSE is over it; the model has left when it misses for as long'),
+    Parameter('burn_in', 20.0, 's', (0.0, 1e6), 'after a start of the model, without a verdict'),
+    Parameter('latency', 0.1, 's', (0.0, 10.0), 'wait after a measured sample for commands that are on their way'),
+    Parameter('longest_gap', 10.0, 's', (0.001, 1e4), 'gap in the measurement after which the model starts anew'),
+    Parameter('diagnosis_period', 10.0, 's', (0.0, 1e6), 'between two looks for the cause of a deviation; 0: none'),
+    Parameter('noise_U_x', 2e-6, 'm', (1e-15, 1.0), 'standard deviation of the noise of U_x'),
+    Parameter('noise_U_y', 1e-5, 'm', (1e-15, 1.0), 'standard deviation of the noise of U_y'),
+    Parameter('noise_alpha', 3.5e-4, 'rad', (1e-15, 1.0), 'standard deviation of the noise of alpha'),
+    Parameter('noise_F_1', 0.05, 'N', (1e-12, 1e6), 'standard deviation of the noise of F_1'),
+    Parameter('noise_F_2', 0.05, 'N', (1e-12, 1e6), 'standard deviation of the noise of F_2'),
+    Parameter('noise_T_1', 1.0, 'K', (1e-9, 1e3), 'standard deviation of the noise of T_1'),
+    Parameter('noise_T_2', 1.0, 'K', (1e-9, 1e3), 'standard deviation of the noise of T_2'),
+)
 
-OBSERVER_PAGE, GUARD_PAGE = 'docs/how-to/estimate-the-wire-temperature.md', 'docs/how-to/guard-the-wires.md'
-OBSERVER_PARAMETERS = (
-    Parameter(
-        'parameter_std',
-        0.1,
-        '-',
-        (1e-6, 1.0),
-        'relative standard deviation of parameters that have none in priors',
-        source=OBSERVER_PAGE,
-    ),
-    Parameter('length_std', 0.002, '-', (1e-6, 1.0), 'the same of lengths', source=OBSERVER_PAGE),
-    Parameter(
-        'parameter_time', 300.0, 's', (0.1, 1e9), 'how long what was learned of parameters is kept', source=OBSERVER_PAGE
-    ),
-    Parameter(
-        'power_std',
-        0.03,
-        '-',
-        (1e-6, 1.0),
-        'by which part the heating of a wire may differ from the command',
-        source=OBSERVER_PAGE,
-    ),
-    Parameter('power_time', 60.0, 's', (0.1, 1e9), 'how long such a difference lasts', source=OBSERVER_PAGE),
-    Parameter('T_E_std', 1.0, 'K', (1e-6, 100.0), 'by how much the ambient temperature may differ', source=OBSERVER_PAGE),
-    Parameter('T_E_time', 300.0, 's', (0.1, 1e9), 'how long such a difference lasts', source=OBSERVER_PAGE),
+OBSERVER_PARAMETERS = declared_in(
+    'docs/how-to/estimate-the-wire-temperature.md',
+    Parameter('parameter_std', 0.1, '-', (1e-6, 1.0), 'relative standard deviation of parameters that have none in priors'),
+    Parameter('length_std', 0.002, '-', (1e-6, 1.0), 'the same of lengths'),
+    Parameter('parameter_time', 300.0, 's', (0.1, 1e9), 'how long what was learned of parameters is kept'),
+    Parameter('power_std', 0.03, '-', (1e-6, 1.0), 'by which part the heating of a wire may differ from the command'),
+    Parameter('power_time', 60.0, 's', (0.1, 1e9), 'how long such a difference lasts'),
+    Parameter('T_E_std', 1.0, 'K', (1e-6, 100.0), 'by how much the ambient temperature may differ'),
+    Parameter('T_E_time', 300.0, 's', (0.1, 1e9), 'how long such a difference lasts'),
     Parameter(
         'discrepancy',
         0.02,
         '-',
         (1e-6, 1.0),
         'by which part of its usual change a channel may differ from the model, beside noise',
-        source=OBSERVER_PAGE,
     ),
-    Parameter('discrepancy_time', 10.0, 's', (0.01, 1e9), 'how long such a difference lasts', source=OBSERVER_PAGE),
-    Parameter('T_walk', 0.5, 'K/s^0.5', (0.0, 1e3), 'random walk of the temperatures', source=OBSERVER_PAGE),
-    Parameter('x_M_walk', 0.003, '1/s^0.5', (0.0, 1.0), 'random walk of the fractions', source=OBSERVER_PAGE),
-    Parameter('initial_T_std', 1.0, 'K', (1e-3, 1e3), 'of the temperatures at the start', source=OBSERVER_PAGE),
-    Parameter('initial_x_M_std', 0.01, '-', (1e-4, 1.0), 'of the fractions at the start', source=OBSERVER_PAGE),
-    Parameter(
-        'latency',
-        0.02,
-        's',
-        (0.0, 1.0),
-        'wait of the node after a sample for messages that belong to it',
-        source=OBSERVER_PAGE,
-    ),
+    Parameter('discrepancy_time', 10.0, 's', (0.01, 1e9), 'how long such a difference lasts'),
+    Parameter('T_walk', 0.5, 'K/s^0.5', (0.0, 1e3), 'random walk of the temperatures'),
+    Parameter('x_M_walk', 0.003, '1/s^0.5', (0.0, 1.0), 'random walk of the fractions'),
+    Parameter('initial_T_std', 1.0, 'K', (1e-3, 1e3), 'of the temperatures at the start'),
+    Parameter('initial_x_M_std', 0.01, '-', (1e-4, 1.0), 'of the fractions at the start'),
+    Parameter('latency', 0.02, 's', (0.0, 1.0), 'wait of the node after a sample for messages that belong to it'),
 )
-GUARD_PARAMETERS = (
-    Parameter('T_max', 400.0, 'K', KELVIN, 'no wire may get hotter', source=GUARD_PAGE),
-    Parameter('stress_max', 5e8, 'Pa', (1e3, 1e12), 'no wire may be under more stress', source=GUARD_PAGE),
-    Parameter('strain_max', 0.1, '-', (1e-6, 1.0), 'no wire that is longer is heated', source=GUARD_PAGE),
-    Parameter(
-        'cycles_max',
-        1e9,
-        '-',
-        (0.0, 1e12),
-        'transformation cycles after which a wire is no longer heated',
-        source=GUARD_PAGE,
-    ),
-    Parameter(
-        'horizon',
-        0.05,
-        's',
-        (0.005, 10.0),
-        'how long a command may stay in force before the next one is judged',
-        source=GUARD_PAGE,
-    ),
-    Parameter(
-        'margin', 2.0, '-', (0.0, 10.0), 'standard deviations of the estimate that limits keep clear of', source=GUARD_PAGE
-    ),
-    Parameter(
-        'T_std_max',
-        20.0,
-        'K',
-        (0.1, 1e3),
-        'standard deviation of a temperature that is too uncertain to heat',
-        source=GUARD_PAGE,
-    ),
-    Parameter(
-        'silence', 0.1, 's', (0.005, 10.0), 'without a message for so long, robot and observer are silent', source=GUARD_PAGE
-    ),
+GUARD_PARAMETERS = declared_in(
+    'docs/how-to/guard-the-wires.md',
+    Parameter('T_max', 400.0, 'K', KELVIN, 'no wire may get hotter'),
+    Parameter('stress_max', 5e8, 'Pa', (1e3, 1e12), 'no wire may be under more stress'),
+    Parameter('strain_max', 0.1, '-', (1e-6, 1.0), 'no wire that is longer is heated'),
+    Parameter('cycles_max', 1e9, '-', (0.0, 1e12), 'transformation cycles after which a wire is no longer heated'),
+    Parameter('horizon', 0.05, 's', (0.005, 10.0), 'how long a command may stay in force before the next one is judged'),
+    Parameter('margin', 2.0, '-', (0.0, 10.0), 'standard deviations of the estimate that limits keep clear of'),
+    Parameter('T_std_max', 20.0, 'K', (0.1, 1e3), 'standard deviation of a temperature that is too uncertain to heat'),
+    Parameter('silence', 0.1, 's', (0.005, 10.0), 'without a message for so long, robot and observer are silent'),
 )
 
 
@@ -300,7 +252,7 @@ SETTINGS: Mapping[str, Setting] = {
         *(('check', joint_name_setting(name)) for name in ('U_x', 'U_y', 'alpha')),
         ('guard', Setting('counters', '', 'file in which counts of interventions and cycles survive a restart')),
     )
-}  # fmt: skip
+}
 
 GROUPS: Mapping[str, tuple[Parameter, ...]] = {
     'wire': WIRE_PARAMETERS,

@@ -264,7 +264,7 @@ def extra_latent_heat(i: int, sign: float, y: Vector, p: System) -> float:
 
 def force_passed_on(i: int, y: Vector, p: System, obs: Vector, dy: Vector) -> float:
     """Force of one wire on the structure [N] (MAS4; Om sigma deps/dl, by virtual work), and the rates of the memory of heat,
-    strain and stress effects."""  # fmt: skip
+    strain and stress effects."""
     e = p.effects
     force = p.wire.section * obs[i, O_SIGMA] * obs[i, O_RATIO]
     if e.port_start[WIRE_FORCE + 1] > e.port_start[WIRE_HEAT]:

@@ -185,9 +185,11 @@ def transforming_fraction(i: int, eps: float, T: float, state: SystemState, p: S
             part = 1.0 + more / change
             x += change + more
             return (
-                x, strain + part * (new_strain - strain), shift_A + part * (new_A - shift_A),
+                x,
+                strain + part * (new_strain - strain),
+                shift_A + part * (new_A - shift_A),
                 shift_M + part * (new_M - shift_M),
-            )  # fmt: skip
+            )
         x, gap, strain, shift_A, shift_M, change = x + change, new_gap, new_strain, new_A, new_M, more
     return x + change, strain, shift_A, shift_M
 

@@ -118,9 +118,11 @@ def configure(
         ('model', config.simulated_kinetics, (*MODELS, AUTO)),
     ):
         words = ParameterDescriptor(
-            description=CHOICE_DESCRIPTIONS[name], read_only=True, type=ParameterType.PARAMETER_STRING,
+            description=CHOICE_DESCRIPTIONS[name],
+            read_only=True,
+            type=ParameterType.PARAMETER_STRING,
             additional_constraints=f'one of {", ".join(choices)}',
-        )  # fmt: skip
+        )
         node.declare_parameter(name, value, words, ignore_override=True)
     for name, setting in settings_of(config.structure.structure).items():
         kind = ParameterType.PARAMETER_BOOL if isinstance(setting.default, bool) else ParameterType.PARAMETER_STRING

@@ -192,7 +192,7 @@ class RobotSubscriptions:
 
     def companions(self, before: Sample | None, now: Sample) -> Vector:
         """Forces [N], temperatures [K] and resistances [ohm] of the wires that belong to a sample, NaN where there are none
-        (3 wires,)."""  # fmt: skip
+        (3 wires,)."""
         wires = self._structure.wires
         if before is None:
             return np.full(3 * wires, np.nan)

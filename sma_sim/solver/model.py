@@ -88,14 +88,24 @@ class Model:
         scales = [coordinate.size(self.constants) for coordinate in structure.coordinates]
         numbers_read = [*self.constants, *scales, *inertia_of(structure, self.constants), wire.l0]
         at = StructureTable(
-            *native_structure(config.structure).addresses, np.array(numbers_read, dtype=float),
-            new_effects(structure),
-        )  # fmt: skip
+            *native_structure(config.structure).addresses, np.array(numbers_read, dtype=float), new_effects(structure)
+        )
         return System(
-            n, structure.segments, self.wires, len(structure.drives), structure.antagonistic, mas, first_T,
-            first_T + self.wires, len(structure.channels), wire, structure.strain is not None, at, table,
+            n,
+            structure.segments,
+            self.wires,
+            len(structure.drives),
+            structure.antagonistic,
+            mas,
+            first_T,
+            first_T + self.wires,
+            len(structure.channels),
+            wire,
+            structure.strain is not None,
+            at,
+            table,
             structure.imposed_temperature,
-        )  # fmt: skip
+        )
 
     @cached_property
     def scales(self) -> Vector:

@@ -128,8 +128,10 @@ def far_rates(structure: Structure) -> Flags:
 def jacobian_pattern(p: System, reach: Flags, states: int) -> Flags:
     """Which entries of the Jacobian (states, states) may differ from zero, with the diagonal; `reach` as `far_rates`."""
     n, wires = p.coordinates, p.wires
-    of = np.concatenate([np.repeat(np.arange(p.segments), n // p.segments)] * 2
-                        + [np.repeat(np.arange(p.segments), wires // p.segments)] * (2 if p.mas else 1))  # fmt: skip
+    of = np.concatenate(
+        [np.repeat(np.arange(p.segments), n // p.segments)] * 2
+        + [np.repeat(np.arange(p.segments), wires // p.segments)] * (2 if p.mas else 1)
+    )
     rows, columns = of[:, None], of[None, :]
     rate = (np.arange(states) >= n) & (np.arange(states) < 2 * n)
     far = np.concatenate([np.zeros(n, dtype=bool), np.tile(reach, p.segments), np.zeros(states - 2 * n, dtype=bool)])

@@ -48,7 +48,7 @@ from sma_sim.solver.integrate import (
     Log,
     Run,
     integrate,
-)  # fmt: skip
+)
 from sma_sim.solver.model import Model, new_findings
 from sma_sim.solver.series import elimination_of
 from sma_sim.solver.stepper import ORDER
@@ -77,13 +77,22 @@ def new_work(model: Model) -> Work:
     p, scales = model.compiled, model.scales
     n = len(scales)
     return Work(
-        jacobian=np.zeros((n, n)), matrix=np.zeros((n, n)), pivot=np.zeros(n, dtype=np.int64),
+        jacobian=np.zeros((n, n)),
+        matrix=np.zeros((n, n)),
+        pivot=np.zeros(n, dtype=np.int64),
         elimination=elimination_of(p, model.structure, n),
         **{name: Evaluation(np.zeros(n), new_findings(p)) for name in ('first', 'stage', 'guard', 'sample')},
-        f_t=np.zeros(n), y_stage=np.zeros(n), rhs=np.zeros(n), u=np.zeros(len(model.structure.input_columns)),
-        stages=np.zeros((6, n)), y_new=np.zeros(n), y_dense=np.zeros(n), k=np.zeros((2, n)),
-        increment=DIFFERENCE * scales, weight=model.config.parameters['solver.rtol'] * scales,
-    )  # fmt: skip
+        f_t=np.zeros(n),
+        y_stage=np.zeros(n),
+        rhs=np.zeros(n),
+        u=np.zeros(len(model.structure.input_columns)),
+        stages=np.zeros((6, n)),
+        y_new=np.zeros(n),
+        y_dense=np.zeros(n),
+        k=np.zeros((2, n)),
+        increment=DIFFERENCE * scales,
+        weight=model.config.parameters['solver.rtol'] * scales,
+    )
 
 
 def new_run(model: Model, first_input: Vector, work: Work, parts: Sequence[float] = ()) -> Run:

@@ -31,37 +31,40 @@ def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:
     `file` is where the proposed effect was written.
     """
     first = diagnosis.selection_steps[0] if diagnosis.selection_steps else None
-    found: dict[str, Any] = finite({
-        'verdict': diagnosis.verdict,
-        'model': diagnosis.calibration.config.simulated_kinetics,
-        'effects': plain_names(diagnosis.effects),
-        'variants': variants(diagnosis),
-        'set_up': [fault_data(fault) for fault in diagnosis.set_up],
-        'retracted': plain_names(diagnosis.retracted),
-        'taken_back': plain_names(diagnosis.retracted),  # its old name
-        'probabilities': probabilities(diagnosis.posterior),
-        'models': models(diagnosis.posterior),
-        'ranking': ranking(first, diagnosis) if first else (),
-        'error': [error_of(stage) for stage in diagnosis.stages],
-        'noise_std': diagnosis.noise_std,
-        'parameters': {
-            name: value for name, value in flat_parameters(diagnosis.calibration.config).items()
-            if isinstance(value, float) and math.isfinite(value)
-        },
-        'intervals': intervals_of(diagnosis),
-        'implausible': [implausible_data(parameter) for parameter in diagnosis.calibration.implausible],
-        'implausible_nominal': [implausible_data(parameter) for parameter in diagnosis.implausible],
-        'nuisances': nuisance_data(diagnosis.calibration, diagnosis.findings),
-        'differences': differences(diagnosis),
-        'by_recording': by_run_data(diagnosis.calibration.by_run),
-        'by_held_out_run': by_held_out_run(diagnosis),
-        'training': diagnosis.training,
-        'held_out': diagnosis.held_out,
-        'interrupted': diagnosis.interrupted,
-        'seconds': diagnosis.seconds,
-        **({'fitted_together': asdict(diagnosis.pooled_errors)} if diagnosis.pooled_errors else {}),
-        **({'proposed': proposed_data(diagnosis, file)} if diagnosis.proposal else {}),
-    })  # fmt: skip
+    found: dict[str, Any] = finite(
+        {
+            'verdict': diagnosis.verdict,
+            'model': diagnosis.calibration.config.simulated_kinetics,
+            'effects': plain_names(diagnosis.effects),
+            'variants': variants(diagnosis),
+            'set_up': [fault_data(fault) for fault in diagnosis.set_up],
+            'retracted': plain_names(diagnosis.retracted),
+            'taken_back': plain_names(diagnosis.retracted),  # its old name
+            'probabilities': probabilities(diagnosis.posterior),
+            'models': models(diagnosis.posterior),
+            'ranking': ranking(first, diagnosis) if first else (),
+            'error': [error_of(stage) for stage in diagnosis.stages],
+            'noise_std': diagnosis.noise_std,
+            'parameters': {
+                name: value
+                for name, value in flat_parameters(diagnosis.calibration.config).items()
+                if isinstance(value, float) and math.isfinite(value)
+            },
+            'intervals': intervals_of(diagnosis),
+            'implausible': [implausible_data(parameter) for parameter in diagnosis.calibration.implausible],
+            'implausible_nominal': [implausible_data(parameter) for parameter in diagnosis.implausible],
+            'nuisances': nuisance_data(diagnosis.calibration, diagnosis.findings),
+            'differences': differences(diagnosis),
+            'by_recording': by_run_data(diagnosis.calibration.by_run),
+            'by_held_out_run': by_held_out_run(diagnosis),
+            'training': diagnosis.training,
+            'held_out': diagnosis.held_out,
+            'interrupted': diagnosis.interrupted,
+            'seconds': diagnosis.seconds,
+            **({'fitted_together': asdict(diagnosis.pooled_errors)} if diagnosis.pooled_errors else {}),
+            **({'proposed': proposed_data(diagnosis, file)} if diagnosis.proposal else {}),
+        }
+    )
     if diagnosis.together is not None:
         found['together'] = as_data(diagnosis.together)
     return found
@@ -166,7 +169,7 @@ def rank_of(candidate: CandidateFit, ratios: Mapping[str, float]) -> dict[str, A
         'plausible': candidate.plausible,
         'confounded_with': tuple(dict.fromkeys(plain_names(candidate.indistinguishable))),
         'same_as': candidate.found.effect.same_as,
-    }  # fmt: skip
+    }
 
 
 def error_of(stage: ModelStage) -> dict[str, Any]:

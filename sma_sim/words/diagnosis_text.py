@@ -283,10 +283,13 @@ def left_lines(diagnosis: Diagnosis) -> Iterator[str]:
 
 def beyond_words(candidate: CandidateFit, values: Mapping[str, float]) -> str:
     """The values of an effect that are not realistic, beside what is."""
-    return joined_words([
-        f'{p.name} = {values[p.name]:.4g}{unit_of(p)} (realistic: {p.realistic[0]:g} to {p.realistic[1]:g})'
-        for p in unrealistic(candidate.found, values) if p.realistic is not None
-    ])  # fmt: skip
+    return joined_words(
+        [
+            f'{p.name} = {values[p.name]:.4g}{unit_of(p)} (realistic: {p.realistic[0]:g} to {p.realistic[1]:g})'
+            for p in unrealistic(candidate.found, values)
+            if p.realistic is not None
+        ]
+    )
 
 
 def parameter_lines(candidate: CandidateFit, diagnosis: Diagnosis) -> Iterator[str]:

@@ -72,8 +72,10 @@ def characterization_data(found: Characterization) -> dict[str, Any]:
 def features_data(test: EvaluatedTest[Any]) -> dict[str, Any]:
     """A test as plain data: measured, and of the model."""
     return {
-        'held_out': test.run.held_out, 'measured': asdict(test.measured), 'model': asdict(test.model) if test.model else None
-    }  # fmt: skip
+        'held_out': test.run.held_out,
+        'measured': asdict(test.measured),
+        'model': asdict(test.model) if test.model else None,
+    }
 
 
 def line_of(name: str, test: IsobaricTest) -> str:

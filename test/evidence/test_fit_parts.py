@@ -48,7 +48,7 @@ def recording(values=(0.0, 0.0, 5.0, 5.0, 2.0), **more):
 
 
 @pytest.mark.parametrize(
-    'declared', [DEFAULTS['wire.c_V'], Parameter('g', 1.5, 'm/s^2', (-40.0, 40.0), '', '', 0.0, (-10.0, 10.0))]
+    'declared', [DEFAULTS['wire.c_V'], Parameter('g', 1.5, 'm/s^2', (-40.0, 40.0), '', neutral=0.0, realistic=(-10.0, 10.0))]
 )
 def test_coordinates_of_a_parameter(declared):
     """z = 0 at the middle of the prior, one in z is one standard deviation, and the bounds of the value bound z."""

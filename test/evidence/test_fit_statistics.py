@@ -351,12 +351,12 @@ def test_what_data_do_not_see_has_no_covariance_to_speak_of():
     [(0.0, (2.0, 4.0), (0.0, 4.0)), (5.0, (2.0, 4.0), (2.0, 5.0)), (None, (2.0, 4.0), (2.0, 4.0)), (0.0, None, None)],
 )
 def test_a_realistic_range_holds_what_changes_nothing(neutral, realistic, expected):
-    assert realistic_range(Parameter('k', 3.0, 'N', (0.0, 9.0), '', '', neutral, realistic)) == expected
+    assert realistic_range(Parameter('k', 3.0, 'N', (0.0, 9.0), '', neutral=neutral, realistic=realistic)) == expected
 
 
 def test_a_value_is_implausible_from_where_its_whole_interval_is_outside(monkeypatch):
     """By the distance from nominal, or beyond the realistic range and a tenth of it, to either side."""
-    ranged = Parameter('b', 0.0, '-', (-20.0, 20.0), '', '', 0.0, (-4.0, 8.0))
+    ranged = Parameter('b', 0.0, '-', (-20.0, 20.0), '', neutral=0.0, realistic=(-4.0, 8.0))
     plain = Parameter('a', 2.0, 'Pa', (0.1, 100.0), '')
     module = 'sma_sim.evidence.estimation.plausibility'
     monkeypatch.setattr(f'{module}.declared_parameters', lambda _: {'a': plain, 'b': ranged})

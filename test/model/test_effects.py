@@ -230,8 +230,10 @@ def test_stress_falls_with_the_fraction(name):
 def test_gradual_transformation_has_no_corner_where_a_phase_ends(name):
     """A step may try fractions a little outside 0 to 1: there strain and stresses go straight on."""
     effect = find_effects()[name].effect
-    given = [p.default * (1.0 + 0.15 * k) if p.unit == '-' and p.neutral is None else p.default
-             for k, p in enumerate(effect.parameters)]  # fmt: skip
+    given = [
+        p.default * (1.0 + 0.15 * k) if p.unit == '-' and p.neutral is None else p.default
+        for k, p in enumerate(effect.parameters)
+    ]
     model, h = make_model('wire', 'hybrid', [active(name, given)]), 1e-5
     point = Point(model, np.random.default_rng(2))
     slopes = []
@@ -246,10 +248,19 @@ def test_gradual_transformation_has_no_corner_where_a_phase_ends(name):
 def fatigue():
     """Strain that grows with all transformation so far: memory on the strain port, driven by |dx_M/dt|."""
     return Effect(
-        name='fatigue', port='wire_strain', equation='e = a z, dz/dt = |dx_M/dt|', source='a test',
-        parameters=(Parameter('a', 2e-3, '-', (0.0, 0.1), 'strain per transformation', '', 0.0, (1e-5, 1e-2)),),
-        states=('z',), scale=(1.0,), kernel=fatigue_strain, rate=fatigue_rate, energy='does not enter',
-    )  # fmt: skip
+        name='fatigue',
+        port='wire_strain',
+        equation='e = a z, dz/dt = |dx_M/dt|',
+        source='a test',
+        parameters=(
+            Parameter('a', 2e-3, '-', (0.0, 0.1), 'strain per transformation', neutral=0.0, realistic=(1e-5, 1e-2)),
+        ),
+        states=('z',),
+        scale=(1.0,),
+        kernel=fatigue_strain,
+        rate=fatigue_rate,
+        energy='does not enter',
+    )
 
 
 def fatigue_strain(s, w, p, m):

@@ -72,18 +72,21 @@ def test_channels_columns_and_inputs_belong_together(name):
 def test_noise_of_a_coordinate_is_a_hundredth_of_its_usual_change():
     plain, sensed = one_coordinate(), one_coordinate(2, coordinate={'sensor_scale': 0.07})
     assert [(p.default, p.unit) for p in (plain.noise['check.noise_x'], sensed.noise['check.noise_x'])] == [
-        (4e-5, 'm'), (7e-4, 'm'),
-    ]  # fmt: skip
+        (4e-5, 'm'),
+        (7e-4, 'm'),
+    ]
     assert plain.noise['check.noise_F'].default == 0.05 and plain.noise['check.noise_T'].default == 1.0
     assert sensed.noise['check.noise_R_2'].default == 0.01 and 'check.noise_F_1' not in sensed.noise  # the module's
 
 
 def test_what_cannot_be_a_structure():
     for wrong, words in (
-        ({'wires': 0}, 'expected 1 to'), ({'wires': MAX_WIRES + 1}, 'expected 1 to'),
-        ({'antagonistic': True}, 'of 2 wires, got 1'), ({'inertia': None}, 'need lengths, forces and inertia'),
+        ({'wires': 0}, 'expected 1 to'),
+        ({'wires': MAX_WIRES + 1}, 'expected 1 to'),
+        ({'antagonistic': True}, 'of 2 wires, got 1'),
+        ({'inertia': None}, 'need lengths, forces and inertia'),
         ({'lengths': None}, 'need lengths'),
-    ):  # fmt: skip
+    ):
         with pytest.raises(ValueError, match=words):
             one_coordinate(**wrong)
     assert one_coordinate(MAX_WIRES).wires == MAX_WIRES
@@ -98,9 +101,15 @@ def test_springs_of_their_own():
 
     coordinates = tuple(Coordinate(name, 'm', 0.01, joint=name != 'c') for name in 'abcd')
     held = Structure(
-        'held', 'springs', coordinates, 1, lengths=lambda q, p: 0.1 - q.a, stiffness=stiffness,
-        forces=lambda q, v, p: tuple(-x for x in stiffness(q, p, 1.0)), inertia=lambda p: (1.0,) * 4,
-    )  # fmt: skip
+        'held',
+        'springs',
+        coordinates,
+        1,
+        lengths=lambda q, p: 0.1 - q.a,
+        stiffness=stiffness,
+        forces=lambda q, v, p: tuple(-x for x in stiffness(q, p, 1.0)),
+        inertia=lambda p: (1.0,) * 4,
+    )
     assert held.sprung == (2,) and one_coordinate().sprung == ()
     assert acting_coordinates(('spring',), held) == () and acting_coordinates(('joint',), held) == (0, 1, 3)
     assert acting_coordinates(('coordinate',), held) == (0, 1, 2, 3)
@@ -108,8 +117,9 @@ def test_springs_of_their_own():
 
 
 def test_segments_in_series_repeat_what_one_is():
-    part = one_coordinate(coordinate={'motion': 'stroke', 'force': 'push', 'description': 'of it'},
-                          stiffness=lambda q, p, part: part * q.x)  # fmt: skip
+    part = one_coordinate(
+        coordinate={'motion': 'stroke', 'force': 'push', 'description': 'of it'}, stiffness=lambda q, p, part: part * q.x
+    )
     three = in_series(part, 3, 'piece', name='three', accelerations=lambda k, q, v, f, p: f[k, 0])
     assert three.coordinate_names == ('x_1', 'x_2', 'x_3') and three.segments == three.wires == 3
     last = three.coordinates[2]
@@ -140,18 +150,33 @@ def test_parameters_of_effects_keep_their_size_beside_the_pull_and_the_usual_cha
     values = lever.default_values
     ratio = size_of(lever, 0, values) / 0.15
     for quantity, unit, factor, expected in (
-        ('change', 'rad', ratio, 'rad'), ('rate', 'rad/s', ratio, 'rad/s'), ('1/change^2', '1/rad^2', ratio**-2, '1/rad^2'),
-        ('force', 'N m', pull_of(lever, 0, values) / pull_of(MODULE, 2, MODULE.default_values), 'N m'), ('', 's', 1.0, 's'),
-    ):  # fmt: skip
-        given = Parameter('k', 3.0, unit, (0.0, 50.0), '', '', 0.0, (1.0, 7.0), quantity)
+        ('change', 'rad', ratio, 'rad'),
+        ('rate', 'rad/s', ratio, 'rad/s'),
+        ('1/change^2', '1/rad^2', ratio**-2, '1/rad^2'),
+        ('force', 'N m', pull_of(lever, 0, values) / pull_of(MODULE, 2, MODULE.default_values), 'N m'),
+        ('', 's', 1.0, 's'),
+    ):
+        given = Parameter('k', 3.0, unit, (0.0, 50.0), '', neutral=0.0, realistic=(1.0, 7.0), quantity=quantity)
         found = converted(given, lever, 0, values)
         scale = rounded if quantity else float
         assert (found.default, found.unit, found.neutral) == (scale(3.0 * factor), expected, 0.0)
         assert found.bounds == (0.0, scale(50.0 * factor)) and found.realistic == (scale(factor), scale(7.0 * factor))
-    force = converted(Parameter('k', 3.0, 'N m s', (0.0, 1.0), '', '', 0.0, None, 'force'), slider, 0, slider.default_values)
+    force = converted(
+        Parameter('k', 3.0, 'N m s', (0.0, 1.0), '', neutral=0.0, quantity='force'),
+        slider,
+        0,
+        slider.default_values,
+    )
     assert force.unit == 'N s' and force.realistic is None
-    assert converted(Parameter('k', 3.0, '1/rad^2', (0.0, 1.0), '', '', 0.0, None, '1/change^2'), slider, 0,
-                     slider.default_values).unit == '1/m^2'  # fmt: skip
+    assert (
+        converted(
+            Parameter('k', 3.0, '1/rad^2', (0.0, 1.0), '', neutral=0.0, quantity='1/change^2'),
+            slider,
+            0,
+            slider.default_values,
+        ).unit
+        == '1/m^2'
+    )
     assert (rounded(1.2345e-5), rounded(-987.0), rounded(0.0)) == (1.2e-5, -990.0, 0.0)
 
 
@@ -204,8 +229,9 @@ def test_kernels_are_compiled_for_a_structure_where_they_read_its_coordinates():
     lever = FOUND['lever'].structure
     assert pose_fields(lever) == ('angle', 'dangle')
     assert pose_fields(Structure('s', 's', (Coordinate('T', 'm', 0.1),), 1, **(PLAIN | {'lengths': lambda q, p: 0.1}))) == (
-        'T_', 'dT',
-    )  # fmt: skip
+        'T_',
+        'dT',
+    )
     for name, found in EFFECTS.items():
         effect = found.effect
         assert own_kernels(effect, MODULE) == bool(effect.needs or any(each.numbers(2) for each in effect.each_bundle))
@@ -388,5 +414,5 @@ def test_a_fault_of_a_declaration_names_the_structure():
         "structure 'one': fitted names wire.x, which is no parameter; its own are none"
     )
     for value, said in ((-0.1, '-0.1 N; expected 0 to 2'), (2.1, '2.1 N; expected 0 to 2'), (0.0, ''), (2.0, '')):
-        found = fault_of(one_coordinate(parameters=(Parameter('k', value, 'N', (0.0, 2.0), 'a force', 'a test'),)))
+        found = fault_of(one_coordinate(parameters=(Parameter('k', value, 'N', (0.0, 2.0), 'a force', source='a test'),)))
         assert found == (f"structure 'one': parameter k: default {said}" if said else '')

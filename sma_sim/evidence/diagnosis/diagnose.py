@@ -178,9 +178,13 @@ class Diagnosis(Shown, Saved):
 
 
 def diagnose(
-    dataset: Dataset, config: Config, held_out: Dataset | None = None, request: DiagnosisRequest | None = None,
-    executor: Executor | None = None, on_progress: OnProgress | None = None,
-) -> Diagnosis:  # fmt: skip
+    dataset: Dataset,
+    config: Config,
+    held_out: Dataset | None = None,
+    request: DiagnosisRequest | None = None,
+    executor: Executor | None = None,
+    on_progress: OnProgress | None = None,
+) -> Diagnosis:
     """Find the physical effects that a model lacks to explain recordings.
 
     Parameters
@@ -235,9 +239,15 @@ def diagnose(
     words = progress_in_words('diagnosing', on_progress)
     with stoppable() as stop, executor_or_threads(executor) as pool, words as report:
         context = SearchContext(
-            pool, stop, report, request.folders, request.seed, variants=request.variants,
-            kinetics=kinetics_to_try(request.kinetics, config), on_model=request.on_model,
-        )  # fmt: skip
+            pool,
+            stop,
+            report,
+            request.folders,
+            request.seed,
+            variants=request.variants,
+            kinetics=kinetics_to_try(request.kinetics, config),
+            on_model=request.on_model,
+        )
         tried = config.variant(kinetics=context.kinetics[0])
         faults = faults_before_fits(pooled(training, held_out), tried, request.options, context)
         training, held_out = without_faults(training, held_out, faults)
@@ -308,19 +318,27 @@ def search_effects(
     return Diagnosis(
         verdict='unknown_effect' if uncertain else end.verdict,
         effects=tuple(name for name in end.last.effects if proposed is None or name != proposed.effect),
-        stages=end.stages, selection_steps=steps, posterior=posterior,
+        stages=end.stages,
+        selection_steps=steps,
+        posterior=posterior,
         held_out_ratio=held_out_ratios(steps[0], end.stages[0], nominal, data, context),
         confounding={step.accepted.name: confoundings(step, context.pool) for step in steps if step.accepted is not None},
         training=tuple(recording.name for recording in data.training.recordings),
         held_out=tuple(recording.name for recording in data.held_out.recordings) if data.held_out else (),
-        noise_std=dict(data.training.noise_std), limit=data.limit, interrupted=False, seconds=0.0,
+        noise_std=dict(data.training.noise_std),
+        limit=data.limit,
+        interrupted=False,
+        seconds=0.0,
         search_ended=ended,
-        proposal=proposed, pooled_errors=end.pooled_errors,
+        proposal=proposed,
+        pooled_errors=end.pooled_errors,
         retracted=tuple(name for name in path[-1].effects if name not in end.last.effects),
-        similar=similar, implausible=implausible, differences=data.differences(end.last, context),
+        similar=similar,
+        implausible=implausible,
+        differences=data.differences(end.last, context),
         by_held_out_run={} if context.stop.is_set() else verdicts_by_run(book, posterior, data, end),
         set_up=faults,
-    )  # fmt: skip
+    )
 
 
 def held_out_ratios(

@@ -134,16 +134,24 @@ def fit_data(
     changed, interval = sampled_changes(recording)
     single = len(changed) > MAX_SWITCHES
     return FitData(
-        name=recording.name, channels=channels, time=np.asarray(recording.time, float)[::every],
-        measured=np.where(present, measured, 0.0), weight=present / np.array(noise)[:, None],
-        source=without_repeats(simplified_input(recording, noise_std)), changed=changed, interval=interval,
-        group=np.zeros(len(changed), dtype=np.int64) if single else np.arange(len(changed)), step_limited=step_limited,
+        name=recording.name,
+        channels=channels,
+        time=np.asarray(recording.time, float)[::every],
+        measured=np.where(present, measured, 0.0),
+        weight=present / np.array(noise)[:, None],
+        source=without_repeats(simplified_input(recording, noise_std)),
+        changed=changed,
+        interval=interval,
+        group=np.zeros(len(changed), dtype=np.int64) if single else np.arange(len(changed)),
+        step_limited=step_limited,
         zero_std=stds_of(recording.zero_std, recording.drift_std, channels),
-        drift_std=stds_of(recording.drift_std, recording.zero_std, channels), ambient_std=recording.ambient_std,
+        drift_std=stds_of(recording.drift_std, recording.zero_std, channels),
+        ambient_std=recording.ambient_std,
         unpowered_side=recording.unpowered_side,
         bench=recording.system,
-        level=level, zero_range=zero_range(recording, level),
-    )  # fmt: skip
+        level=level,
+        zero_range=zero_range(recording, level),
+    )
 
 
 def zero_range(recording: Recording, level: float) -> tuple[float, float]:
@@ -375,7 +383,7 @@ def strain_zero(run: FitData, shown: Vector) -> float:
 def offsets(run: FitData, shown: NDArray[np.float64]) -> NDArray[np.float64]:
     """What each channel of a recording shows too much beside the model's `shown` (channels, k): its zero, and by how much
     that drifts from the first to the last sample. The least-squares values (channels, 2) under their priors, within
-    ZERO_STDS of them; 0 where nothing is unknown."""  # fmt: skip
+    ZERO_STDS of them; 0 where nothing is unknown."""
     prior = np.column_stack([run.zero_std, run.drift_std])
     basis = prior[:, :, None] * np.array([np.ones_like(run.time), elapsed(run)])  # (channels, 2, k)
     weighted = run.weight[:, None, :] * basis
@@ -416,5 +424,6 @@ def error_over_noise(residuals: NDArray[np.float64], run: FitData) -> dict[str, 
     counts = np.count_nonzero(run.weight, axis=1)
     return {
         name: float(np.sqrt(np.sum(row**2) / count))
-        for name, row, count in zip(run.channels, residuals, counts, strict=True) if count
-    }  # fmt: skip
+        for name, row, count in zip(run.channels, residuals, counts, strict=True)
+        if count
+    }

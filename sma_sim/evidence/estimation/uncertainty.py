@@ -194,15 +194,13 @@ def uncertainty(problem: Problem, z: Vector, runs: Sequence[RunInformation]) -> 
             interval(free, float(z[k]), float(np.sqrt(variance[k])), seen=float(np.sum(unknown[k] ** 2)) < MIN_COMPONENT**2)
             for k, free in enumerate(problem.free)
         ),
-        directions=tuple(
-            direction(problem.free, vectors[:, k], size[k] + BOUND_STDS**-2.0) for k in reversed(range(p))
-        ),
+        directions=tuple(direction(problem.free, vectors[:, k], size[k] + BOUND_STDS**-2.0) for k in reversed(range(p))),
         unseen=tuple(unidentified(problem.free, unknown)),
         correlation=tuple(tuple(row) for row in correlations(covariance[:p, :p]).tolist()),
         correlation_time=times,
         delay_std=float('nan') if problem.delay is not None else problem.shared[p].scale * float(np.sqrt(variance[p])),
         ambient=ambient_differences(problem, z, (covariance, inverse @ scores @ inverse)),
-    )  # fmt: skip
+    )
 
 
 def ambient_differences(problem: Problem, z: Vector, covariances: tuple[Matrix, Matrix]) -> dict[str, AmbientDifference]:
@@ -232,7 +230,7 @@ def interval(free: FreeParameter, z: float, std: float, seen: bool) -> Interval:
 
 def checked_by_runs(
     known: Uncertainty, problem: Problem, z: Vector, runs: Sequence[RunInformation], executor: Executor
-) -> Uncertainty:  # fmt: skip
+) -> Uncertainty:
     """Intervals at whose ends the cost of runs of the model has risen; they reach further where it has not.
 
     Derivatives are those of a point. Where the model jumps there, or only rounds differently, they are huge and an interval
@@ -253,16 +251,21 @@ def checked_by_runs(
         costs = costs_at(problem, [np.clip(z + move, low, high) for move in moves], executor)
         risen = np.reshape(costs, (-1, 2)).min(axis=1) - base
         open_ends = [
-            (k, side) for (k, side), rise in zip(open_ends, risen, strict=True)
+            (k, side)
+            for (k, side), rise in zip(open_ends, risen, strict=True)
             if rise < RISES_BY * 0.5 * first[k, side] ** 2 / inverse[k, k] and low[k] < z[k] + reach[k, side] < high[k]
-        ]  # fmt: skip
+        ]
         if not open_ends:
             break
         for end in open_ends:
             reach[end] *= 2.0
-    return replace(known, intervals=tuple(
-        one if (reach[k] == first[k]).all() else widened(one, free, z[k] + reach[k]) for k, (free, one) in enumerate(pairs)
-    ))  # fmt: skip
+    return replace(
+        known,
+        intervals=tuple(
+            one if (reach[k] == first[k]).all() else widened(one, free, z[k] + reach[k])
+            for k, (free, one) in enumerate(pairs)
+        ),
+    )
 
 
 def widened(one: Interval, free: FreeParameter, ends: Vector) -> Interval:

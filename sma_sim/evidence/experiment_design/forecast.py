@@ -151,7 +151,7 @@ def predict_hypotheses(
     return [
         [prediction_from(points, future.result()) for points, future in zip(hypotheses, of_run, strict=True)]
         for of_run in futures
-    ]  # fmt: skip
+    ]
 
 
 def simulate_points(points: Sequence[ModelPoint], run: FitData) -> list[SimulatedRun] | None:
@@ -182,9 +182,12 @@ def prediction_from(points: EvaluationPoints, simulated: list[SimulatedRun] | No
     block = values[: centres * (columns + 1)].reshape(centres, columns + 1, -1)
     steps = np.where(points.steps == 0.0, np.inf, points.steps)
     return RunPrediction(
-        block[:, 0], (block[:, 1:] - block[:, :1]) / steps[:, :, None], values[len(values) - points.draws :],
-        max(simulation.temperature for simulation in simulated), max(simulation.stress for simulation in simulated),
-    )  # fmt: skip
+        block[:, 0],
+        (block[:, 1:] - block[:, :1]) / steps[:, :, None],
+        values[len(values) - points.draws :],
+        max(simulation.temperature for simulation in simulated),
+        max(simulation.stress for simulation in simulated),
+    )
 
 
 def with_command(run: FitData, levels: Vector, grid: CommandGrid) -> FitData:

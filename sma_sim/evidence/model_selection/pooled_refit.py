@@ -46,9 +46,13 @@ class PooledErrors:
 
 
 def pooled_refit(
-    datasets: tuple[Dataset, Dataset], last: FitResult, predicted: Sequence[RunFit], options: FitOptions,
-    context: SearchContext, limit: float = CRITERIA.unexplained,
-) -> PooledErrors | None:  # fmt: skip
+    datasets: tuple[Dataset, Dataset],
+    last: FitResult,
+    predicted: Sequence[RunFit],
+    options: FitOptions,
+    context: SearchContext,
+    limit: float = CRITERIA.unexplained,
+) -> PooledErrors | None:
     """The last model fitted to the training and the held-out runs, from where it is and where they are `predicted` to start.
 
     The first of several fits that leaves no more than `limit` allows, else the first one. None where it cannot be run, or

@@ -22,8 +22,12 @@ EFFECT = Effect(
     equation='F_added = -part_i F',
     source='a bundle of n equal wires pulls with n - m of them',
     parameters=(
-        Parameter('part', 0.1, '-', (0.0, 0.95), 'share of the wires of bundle 1 that is lost', '', 0.0, (0.0, 0.5)),
-        Parameter('part_2', 0.0, '-', (0.0, 0.95), 'share of the wires of bundle 2 that is lost', '', 0.0, (0.0, 0.5)),
+        Parameter(
+            'part', 0.1, '-', (0.0, 0.95), 'share of the wires of bundle 1 that is lost', neutral=0.0, realistic=(0.0, 0.5)
+        ),
+        Parameter(
+            'part_2', 0.0, '-', (0.0, 0.95), 'share of the wires of bundle 2 that is lost', neutral=0.0, realistic=(0.0, 0.5)
+        ),
     ),
     kernel=missing_pull,
     wires=2,

@@ -156,10 +156,12 @@ def assess_region(
     late = samples.part > 0.5
     low, high = np.quantile(shares, (0.025, 0.975))
     return RegionCertainty(
-        float(low), float(high), permutation_p_value(region, conditions, error, left, block),
+        float(low),
+        float(high),
+        permutation_p_value(region, conditions, error, left, block),
         replication_rate(region, conditions, error, block),
         trend(region.mask & late, region.mask & ~late, error, block, draws),
-    )  # fmt: skip
+    )
 
 
 def trend(late: Mask, early: Mask, error: Vector, block: Classes, draws: Classes) -> tuple[float, float, float]:

@@ -92,7 +92,7 @@ class Formula:
             unit = self.unit(per_unit(self.location.unit, fit.term.unit))
             near = rounded(NEAR_RATIO * abs(fit.coefficient), BOUND_DIGITS)
             name, realistic = self.coefficient_name(k), (-near, near)
-            parameters.append(Parameter(name, value, unit, (-bound, bound), 'coefficient', '', 0.0, realistic))
+            parameters.append(Parameter(name, value, unit, (-bound, bound), 'coefficient', neutral=0.0, realistic=realistic))
         for fit, names in zip(self.term_fits, self.shape_names, strict=True):
             for shape, value, limits in zip(fit.term.shapes, fit.shapes, fit.limits, strict=True):
                 parameters.append(self.shape_parameter(names[shape.name], shape, rounded(value), limits))
@@ -106,7 +106,7 @@ class Formula:
         if shape.grid == 'frequency':
             bounds = (low, bounds[1])  # a slower one does not come again
         bounds = (rounded(bounds[0], BOUND_DIGITS), rounded(bounds[1], BOUND_DIGITS))
-        return Parameter(name, value, self.unit(shape.unit), bounds, shape.description, '', None, (low, high))
+        return Parameter(name, value, self.unit(shape.unit), bounds, shape.description, realistic=(low, high))
 
     def with_values(self, values: Mapping[str, float]) -> Formula:
         """The same with the parameters (by their names in the file) at these values."""

@@ -26,8 +26,10 @@ MAX_STATES_PER_RUN = 150  # instants at which terms are evaluated in Python: eno
 # What expressions of terms call, for all instants at once.
 ARRAY_FUNCTIONS = {
     'math': SimpleNamespace(exp=np.exp, sin=np.sin, tanh=np.tanh, copysign=np.copysign, pi=math.pi),
-    'abs': np.abs, 'max': np.maximum, 'min': np.minimum,
-}  # fmt: skip
+    'abs': np.abs,
+    'max': np.maximum,
+    'min': np.minimum,
+}
 
 
 @dataclass(frozen=True)

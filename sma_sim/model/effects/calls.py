@@ -151,7 +151,7 @@ def start_instance(k: int, instance: int, y: Vector, e: EffectTable) -> None:
 
 def true_channel(channel: int, y: Vector, p: System, obs: Vector) -> float:
     """The true value of a channel: coordinates, forces, temperatures, resistances; of a wire whose strain is imposed,
-    stress, T and R. A temperature that is imposed is no channel."""  # fmt: skip
+    stress, T and R. A temperature that is imposed is no channel."""
     n = p.coordinates
     if channel < n:
         return y[channel]

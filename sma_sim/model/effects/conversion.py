@@ -38,10 +38,13 @@ def effect_on(effect: Effect, structure: Structure, values: Mapping[str, float] 
     title, named = structure.named_effects.get(effect.name, NamedEffect('', {}))
     known = values if values is not None and structure.default_values.keys() <= values.keys() else structure.default_values
     moved = replace(
-        effect, structure=structure, kernel=dict(effect.kernels).get(structure.original, effect.kernel),
-        title=title or general or effect.title, same_as=' with '.join(named.values()) or effect.same_as,
+        effect,
+        structure=structure,
+        kernel=dict(effect.kernels).get(structure.original, effect.kernel),
+        title=title or general or effect.title,
+        same_as=' with '.join(named.values()) or effect.same_as,
         confused_with=tuple(name for name in effect.confused_with if has_parameter(name, structure)),
-    )  # fmt: skip
+    )
     if effect.port == PORT_NAMES[SENSING]:
         slots = zip(structure.channels, channel_slots(effect, structure), strict=True)
         moved = replace(moved, channels=tuple(channel for channel, slot in slots if slot >= 0))
@@ -76,8 +79,9 @@ def more_parameters(effect: Effect, structure: Structure) -> tuple[Parameter, ..
     """The parameters that an effect has beside those of the module, in space and of each of many bundles."""
     bundles = [
         replace(each.parameter, name=f'{each.parameter.name}_{number}', description=f'{each.parameter.description} {number}')
-        for each in effect.each_bundle for number in each.numbers(structure.wires)
-    ]  # fmt: skip
+        for each in effect.each_bundle
+        for number in each.numbers(structure.wires)
+    ]
     return (*(effect.in_space if moves_in_space(structure) else ()), *bundles)
 
 

@@ -256,9 +256,12 @@ class Effect:
     def in_scope(self, scope: Scope) -> Effect:
         """The same effect in one of its `scopes`."""
         return replace(
-            self, name=f'{self.name}{SEPARATOR}{scope.name}', scope=scope, title=f'{self.phrase}, {scope.words}',
+            self,
+            name=f'{self.name}{SEPARATOR}{scope.name}',
+            scope=scope,
+            title=f'{self.phrase}, {scope.words}',
             channels=(scope.channel,) if scope.channel else self.channels,
-        )  # fmt: skip
+        )
 
     @property
     def phrase(self) -> str:

@@ -8,17 +8,16 @@ from typing import Any
 
 from sma_sim.model.structures.structure import Coordinate, Structure, numbers, record
 
+# What a structure has of its segment where nothing else is given.
+KEPT = 'title', 'antagonistic', 'parameters', 'constants', 'size_parameter', 'fitted', 'defaults', 'strain'
+
 
 def in_series(segment: Structure, count: int, word: str, **fields: Any) -> Structure:
     """A structure of `count` equal segments, whose coordinates get the segment's number; a `word` names one.
 
     `fields` are the others of `Structure`, `accelerations` among them; what is not given is the segment's.
     """
-    fields = {
-        'title': segment.title, 'antagonistic': segment.antagonistic, 'parameters': segment.parameters,
-        'constants': segment.constants, 'size_parameter': segment.size_parameter, 'fitted': segment.fitted,
-        'defaults': segment.defaults, 'strain': segment.strain, **fields,
-    }  # fmt: skip
+    fields = {name: getattr(segment, name) for name in KEPT} | fields
     lengths, forces, stiffness = segment.lengths, segment.forces, segment.stiffness
     assert lengths is not None and forces is not None
     return Structure(

@@ -12,7 +12,7 @@ from typing import Any
 
 from sma_sim.model.parameters import Parameter
 from sma_sim.model.structures.links import Drawing, Line
-from sma_sim.model.structures.structure import Coordinate, NamedEffect, Structure, in_group
+from sma_sim.model.structures.structure import Coordinate, NamedEffect, Structure
 
 NAME, SOURCE = 'slider', 'a usual bench actuator'
 BAR, SPRING, TURNS = 0.04, 0.3, 8  # of pictures: half a bar and a spring at rest, relative to L; turns of a spring
@@ -54,21 +54,29 @@ def slider_with(wires: int) -> Structure:
         forces=forces,
         stiffness=lambda q, p, part: part * p.k * (q.position + p.x_0),
         inertia=lambda p: p.m,
-        parameters=in_group(NAME, (
-            Parameter('wires', 1.0, '-', (1.0, 2.0), 'bundles of wires; the second pulls the other way', SOURCE),
-            Parameter('L', 0.1, 'm', (1e-3, 10.0), 'length of each wire at position 0', SOURCE),
-            Parameter('k', 40.0, 'N/m', (0.0, 1e7), 'stiffness of the spring', SOURCE),
-            Parameter('x_0', 0.025, 'm', (-10.0, 10.0), 'extension of the spring at position 0', SOURCE),
-            Parameter('m', 0.03, 'kg', (1e-6, 1e4), 'moving mass', SOURCE),
-            Parameter('b', 2.0, 'N s/m', (0.0, 1e6), 'damping', SOURCE),
-            Parameter('F_c', 0.0, 'N', (0.0, 1e4), 'dry friction of the rail', SOURCE),
-            Parameter('v_c', 1e-3, 'm/s', (1e-6, 1.0), 'speed at which it reaches 76 % of F_c', SOURCE),
-            Parameter('g', 9.81, 'm/s^2', (0.0, 100.0), 'gravity', SOURCE),
-            Parameter('incline', 0.5 * math.pi, 'rad', (-0.5 * math.pi, 0.5 * math.pi),
-                      'of the rail; positive: wire 1 lifts the slider', SOURCE),
-        )),
-        named_effects={'joint_friction': NamedEffect(
-            'dry friction of the rail (slider.F_c)', {'M_c': 'slider.F_c', 'w_s': 'slider.v_c'})},
+        parameters=(
+            Parameter('wires', 1.0, '-', (1.0, 2.0), 'bundles of wires; the second pulls the other way'),
+            Parameter('L', 0.1, 'm', (1e-3, 10.0), 'length of each wire at position 0'),
+            Parameter('k', 40.0, 'N/m', (0.0, 1e7), 'stiffness of the spring'),
+            Parameter('x_0', 0.025, 'm', (-10.0, 10.0), 'extension of the spring at position 0'),
+            Parameter('m', 0.03, 'kg', (1e-6, 1e4), 'moving mass'),
+            Parameter('b', 2.0, 'N s/m', (0.0, 1e6), 'damping'),
+            Parameter('F_c', 0.0, 'N', (0.0, 1e4), 'dry friction of the rail'),
+            Parameter('v_c', 1e-3, 'm/s', (1e-6, 1.0), 'speed at which it reaches 76 % of F_c'),
+            Parameter('g', 9.81, 'm/s^2', (0.0, 100.0), 'gravity'),
+            Parameter(
+                'incline',
+                0.5 * math.pi,
+                'rad',
+                (-0.5 * math.pi, 0.5 * math.pi),
+                'of the rail; positive: wire 1 lifts the slider',
+            ),
+        ),
+        named_effects={
+            'joint_friction': NamedEffect(
+                'dry friction of the rail (slider.F_c)', {'M_c': 'slider.F_c', 'w_s': 'slider.v_c'}
+            )
+        },
         drawing=Drawing(lambda q, p: [toward_anchor(q, p)], against_spring) if one else Drawing(drawn_wires),
         size_parameter='slider.L',
         fitted=('slider.k', 'slider.x_0', 'slider.b'),
@@ -79,7 +87,7 @@ def slider_with(wires: int) -> Structure:
         of_size=slider_with,
         description='one bundle, or two with slider.wires = 2; position is positive where wire 1 is shorter',
         source=SOURCE,
-    )  # fmt: skip
+    )
 
 
 def toward_anchor(q: Any, p: Any) -> Line:

@@ -136,9 +136,9 @@ def stack_of(modules: int) -> Structure:
         title='stack',
         parameters=(
             *MODULE.parameters,
-            Parameter('stack.modules', float(modules), '-', (1.0, MAX_MODULES), 'modules, a whole number', SOURCE),
-            Parameter('stack.g_x', 0.0, 'm/s^2', (-50.0, 50.0), 'gravity along the first beam at rest', SOURCE),
-            Parameter('stack.g_y', 0.0, 'm/s^2', (-50.0, 50.0), 'gravity across it', SOURCE),
+            Parameter('stack.modules', float(modules), '-', (1.0, MAX_MODULES), 'modules, a whole number', source=SOURCE),
+            Parameter('stack.g_x', 0.0, 'm/s^2', (-50.0, 50.0), 'gravity along the first beam at rest', source=SOURCE),
+            Parameter('stack.g_y', 0.0, 'm/s^2', (-50.0, 50.0), 'gravity across it', source=SOURCE),
         ),
         accelerations=accelerations,
         gravity=gravity,

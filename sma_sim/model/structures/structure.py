@@ -259,8 +259,9 @@ class Structure:
 
     @cached_property
     def declared(self) -> dict[str, Parameter]:
-        """The structure's parameters by full name."""
-        return {p.name if '.' in p.name else f'{self.original}.{p.name}': p for p in self.parameters}
+        """The structure's parameters by full name; those that say no source have the structure's."""
+        known = (replace(p, source=p.source or self.source) for p in self.parameters)
+        return {p.name if '.' in p.name else f'{self.original}.{p.name}': p for p in known}
 
     @property
     def family(self) -> str:
@@ -306,7 +307,12 @@ class Structure:
         }
         noise = {
             f'check.noise_{channel}': Parameter(
-                f'noise_{channel}', std, unit, (1e-15, 1e12), f'standard deviation of the noise of {channel}', CHECK_PAGE
+                f'noise_{channel}',
+                std,
+                unit,
+                (1e-15, 1e12),
+                f'standard deviation of the noise of {channel}',
+                source=CHECK_PAGE,
             )
             for channel, (std, unit) in known.items()
         }
@@ -346,9 +352,8 @@ class Structure:
         moved = [numbers(stiffness(pose(*(s * (j == k) for k, s in enumerate(sizes))), constants, 1.0)) for j in range(n)]
         work = [[abs(moved[j][i] - rest[i]) * sizes[i] for j in range(n)] for i in range(n)]  # symmetric, as K is
         return tuple(
-            j for j in range(n)
-            if work[j][j] > 0.0 and all(work[i][j] <= COUPLED * work[j][j] for i in range(n) if i != j)
-        )  # fmt: skip
+            j for j in range(n) if work[j][j] > 0.0 and all(work[i][j] <= COUPLED * work[j][j] for i in range(n) if i != j)
+        )
 
     def weight(self, g_x: float, g_y: float, g_z: float) -> tuple[float, ...]:
         """Generalised forces of the weight in this gravity [m/s^2], each coordinate at its usual change; () without any."""
@@ -463,12 +468,16 @@ def at_imposed_temperature(structure: Structure, description: str = '') -> Struc
         for suffix in structure.wire_suffixes
     )
     return replace(
-        structure, name=f'{structure.name}_at_T', drives=(*structure.drives, *drives), variant_of=structure.original,
-        options={**structure.options, TEMPERATURE: 'prescribed'}, variants=(),
+        structure,
+        name=f'{structure.name}_at_T',
+        drives=(*structure.drives, *drives),
+        variant_of=structure.original,
+        options={**structure.options, TEMPERATURE: 'prescribed'},
+        variants=(),
         system=structure.system and f'{structure.system}_at_T',
         of_size=None if of_size is None else lambda size: at_imposed_temperature(of_size(size)),
         description=description or f'wires whose temperature is measured or set; {structure.description}'.removesuffix('; '),
-    )  # fmt: skip
+    )
 
 
 def shared_temperature(columns: Iterable[str], present: Collection[str]) -> dict[str, str]:

@@ -57,8 +57,7 @@ IMPOSED_STRAIN = Structure(
 IMPOSED_STRESS = Structure(
     name='wire_under_load',
     title='bench',
-    coordinates=(Coordinate('strain', '-', 0.01, 'of the wire', rate_scale=lambda p: 0.01 * p.eta / p.mu,
-                            joint=False),),
+    coordinates=(Coordinate('strain', '-', 0.01, 'of the wire', rate_scale=lambda p: 0.01 * p.eta / p.mu, joint=False),),
     wires=1,
     drives=(Drive('stress', 'Pa', 'stress that the load imposes', bounds=(0.0, 1e10)),),
     lengths=lengths,
@@ -67,8 +66,14 @@ IMPOSED_STRESS = Structure(
     inertia=lambda p: p.volume * p.mu,
     constants=load_constants,
     parameters=(
-        Parameter('bench.lag', 1e-4, 's', (1e-6, 1.0), 'time in which the machine follows its load',
-                  'short beside any change in a test'),
+        Parameter(
+            'bench.lag',
+            1e-4,
+            's',
+            (1e-6, 1.0),
+            'time in which the machine follows its load',
+            source='short beside any change in a test',
+        ),
     ),
     defaults={'initial.x_M_1': 0.0},
     energy=lambda q, v, p: 0.5 * p.volume * p.mu * v.strain**2,
@@ -76,7 +81,7 @@ IMPOSED_STRESS = Structure(
     variant_of=IMPOSED_STRAIN.name,
     description='a dead weight or a load-controlled machine; the wire is heated by J, cooled by air',
     source='sma_sim.model.structures.wire',
-)  # fmt: skip
+)
 
 
 STRUCTURE = replace(

@@ -43,11 +43,12 @@ def write_diagnosis_page(
     if diagnosis.proposal is not None:
         steps.append(proposed_section(diagnosis, diagnosis.proposal))
     sections = [
-        verdict_section(review, next_command), *steps,
+        verdict_section(review, next_command),
+        *steps,
         parameters_section(diagnosis.calibration, review.given_values, review.nominal_values),
         *(Section(f'What is left: {part.title}', part.blocks) for part in comparison_sections(review.remaining)),
         data_section(review.training, review.held_out),
-    ]  # fmt: skip
+    ]
     write_page(path, f'Diagnosis: {short_title(diagnosis)}', sections, provenance)
 
 
@@ -55,12 +56,17 @@ def verdict_section(review: DiagnosisReview, next_command: str) -> Section:
     """The verdict, how probable it is, and the normalized RMSE stage by stage."""
     diagnosis = review.diagnosis
     experiment = [f'The experiment that separates them: {next_command}'] if next_command else []
-    return Section('What is missing', [
-        Paragraph(headline(diagnosis), 'lead'), *(Paragraph(words) for words in set_up_sentences(diagnosis.set_up)),
-        *probability_blocks(as_data(diagnosis)),
-        Plot(reduction_figure(diagnosis, review.given_errors), REDUCTION_CAPTION, 360),
-        Bullets([*remarks(diagnosis), *experiment, *procedure(diagnosis)]), *held_out_blocks(diagnosis),
-    ])  # fmt: skip
+    return Section(
+        'What is missing',
+        [
+            Paragraph(headline(diagnosis), 'lead'),
+            *(Paragraph(words) for words in set_up_sentences(diagnosis.set_up)),
+            *probability_blocks(as_data(diagnosis)),
+            Plot(reduction_figure(diagnosis, review.given_errors), REDUCTION_CAPTION, 360),
+            Bullets([*remarks(diagnosis), *experiment, *procedure(diagnosis)]),
+            *held_out_blocks(diagnosis),
+        ],
+    )
 
 
 def probability_blocks(found: Mapping[str, Any]) -> list[Block]:
@@ -103,14 +109,22 @@ def reduction_figure(diagnosis: Diagnosis, given: tuple[float, float] | None = N
         labels, fitted, held_out = ['your model,<br>as given', *labels], [given[0], *fitted], [given[1], *held_out]
     figure = new_figure()
     for values, name, colour, position in (
-        (held_out, 'held out', HELD_OUT, 'top right'), (fitted, 'fitted', SHOWN, 'bottom left'),
-    ):  # fmt: skip
+        (held_out, 'held out', HELD_OUT, 'top right'),
+        (fitted, 'fitted', SHOWN, 'bottom left'),
+    ):
         if not any(math.isnan(value) for value in values):
             figure.add_scatter(
-                x=labels, y=values, name=name, mode='lines+markers+text', text=[f'{value:.3g}' for value in values],
-                textposition=position, textfont={'color': colour}, line={'color': colour}, marker={'size': 10},
+                x=labels,
+                y=values,
+                name=name,
+                mode='lines+markers+text',
+                text=[f'{value:.3g}' for value in values],
+                textposition=position,
+                textfont={'color': colour},
+                line={'color': colour},
+                marker={'size': 10},
                 cliponaxis=False,
-            )  # fmt: skip
+            )
     figure.add_scatter(x=labels, y=[1.0] * len(labels), name='noise', mode='lines', line={'color': GREY, 'dash': 'dot'})
     known = [value for value in (*fitted, *held_out) if math.isfinite(value) and value > 0.0]
     low, high = min(1.0, *known), max(1.5, *known)

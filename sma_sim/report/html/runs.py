@@ -93,15 +93,30 @@ def draw_channel(figure: Any, run: ComparedRun, channel: str, row: int, points: 
     curves = (('measured', run.measured[channel], MEASURED, 2.2), ('model', run.predicted[channel], SHOWN, 1.2))
     for name, values, colour, width in curves:
         figure.add_scatter(
-            x=time, y=small(factor * values[at]), name=name, legendgroup=name, showlegend=first, mode='lines',
-            line={'color': colour, 'width': width}, hovertemplate=f'%{{y:.4g}} {unit} at %{{x:.2f}} s', row=row, col=1,
-        )  # fmt: skip
+            x=time,
+            y=small(factor * values[at]),
+            name=name,
+            legendgroup=name,
+            showlegend=first,
+            mode='lines',
+            line={'color': colour, 'width': width},
+            hovertemplate=f'%{{y:.4g}} {unit} at %{{x:.2f}} s',
+            row=row,
+            col=1,
+        )
     noise = run.noise[channel]
     figure.add_scatter(
-        x=time, y=small(run.residual(channel)[at] / noise), name='residual', legendgroup='residual', showlegend=first,
-        mode='lines', line={'color': '#5b5f66', 'width': 1}, row=row + 1, col=1,
+        x=time,
+        y=small(run.residual(channel)[at] / noise),
+        name='residual',
+        legendgroup='residual',
+        showlegend=first,
+        mode='lines',
+        line={'color': '#5b5f66', 'width': 1},
+        row=row + 1,
+        col=1,
         hovertemplate='%{y:.2f} x noise at %{x:.2f} s',
-    )  # fmt: skip
+    )
     figure.add_hrect(y0=-2, y1=2, fillcolor=SHOWN, opacity=0.12, line_width=0, row=row + 1, col=1)
     figure.update_yaxes(title_text=f'{channel} [{unit}]', row=row, col=1)
     figure.update_yaxes(title_text='res.', row=row + 1, col=1)
@@ -113,10 +128,17 @@ def draw_input(figure: Any, run: ComparedRun, column: str, factor: float, row: i
     held = column != 'strain'
     at = np.unique(np.concatenate(stretches(np.unique(values, return_inverse=True)[1]))) if held else envelope(values, 800)
     figure.add_scatter(
-        x=small(run.time[at]), y=small(values[at]), name='command', legendgroup='command', showlegend=False, mode='lines',
-        line={'color': ORANGE, 'width': 1.4, **({'shape': 'hv'} if held else {})}, row=row, col=1,
+        x=small(run.time[at]),
+        y=small(values[at]),
+        name='command',
+        legendgroup='command',
+        showlegend=False,
+        mode='lines',
+        line={'color': ORANGE, 'width': 1.4, **({'shape': 'hv'} if held else {})},
+        row=row,
+        col=1,
         hovertemplate='%{y:.4g} at %{x:.2f} s',
-    )  # fmt: skip
+    )
 
 
 def draw_mode_bars(figure: Any, run: ComparedRun, wires: dict[str, str], row: int) -> None:
@@ -132,8 +154,14 @@ def draw_mode_bars(figure: Any, run: ComparedRun, wires: dict[str, str], row: in
     for mode in sorted(bars):
         rows, starts, ends = zip(*bars[mode], strict=True)
         figure.add_bar(
-            y=list(rows), base=small(np.array(starts)), x=small(np.array(ends) - np.array(starts)), orientation='h',
-            name=names[mode], marker={'color': colours[mode], 'line': {'width': 0}}, row=row, col=1,
+            y=list(rows),
+            base=small(np.array(starts)),
+            x=small(np.array(ends) - np.array(starts)),
+            orientation='h',
+            name=names[mode],
+            marker={'color': colours[mode], 'line': {'width': 0}},
+            row=row,
+            col=1,
             hovertemplate=f'{names[mode]}, from %{{base:.2f}} s for %{{x:.2f}} s',
-        )  # fmt: skip
+        )
     figure.update_yaxes(categoryorder='array', categoryarray=list(wires.values())[::-1], showgrid=False, row=row, col=1)

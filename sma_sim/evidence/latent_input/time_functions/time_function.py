@@ -9,16 +9,16 @@ from sma_sim.model.structures.structure import MAX_WIRES
 KNOT_COUNT = 101
 UNBOUNDED = (-1e30, 1e30)
 LOCATION_PARAMETERS = (
-    Parameter('first', 0.0, 's', UNBOUNDED, 'instant of the first knot', '', None),
-    Parameter('spacing', 1.0, 's', (1e-6, 1e30), 'from knot to knot', '', None),
-    Parameter('wire', 0.0, '-', (0.0, MAX_WIRES - 1.0), 'wire in which it acts, from 0', '', None),
+    Parameter('first', 0.0, 's', UNBOUNDED, 'instant of the first knot'),
+    Parameter('spacing', 1.0, 's', (1e-6, 1e30), 'from knot to knot'),
+    Parameter('wire', 0.0, '-', (0.0, MAX_WIRES - 1.0), 'wire in which it acts, from 0'),
 )
 FIRST_VALUE = len(LOCATION_PARAMETERS)  # index of the value at knot 0 among the parameters
 
 
 def knot_parameters(unit: str) -> tuple[Parameter, ...]:
     """The first knot, the spacing, where it acts, and the values at the knots in `unit`."""
-    values = (Parameter(f'u_{k}', 0.0, unit, UNBOUNDED, f'value at knot {k}', '', 0.0) for k in range(KNOT_COUNT))
+    values = (Parameter(f'u_{k}', 0.0, unit, UNBOUNDED, f'value at knot {k}', neutral=0.0) for k in range(KNOT_COUNT))
     return *LOCATION_PARAMETERS, *values
 
 

@@ -13,7 +13,15 @@ EFFECT = Effect(
     equation='Q = lambda A_s c t',
     source="Newton's law of cooling in air at T_E + c t: Incropera, Fundamentals of Heat and Mass Transfer, 1.2.2",
     parameters=(
-        Parameter('c', 0.02, 'K/s', (-10.0, 10.0), 'rate at which the air around the wires warms', '', 0.0, (-0.05, 0.05)),
+        Parameter(
+            'c',
+            0.02,
+            'K/s',
+            (-10.0, 10.0),
+            'rate at which the air around the wires warms',
+            neutral=0.0,
+            realistic=(-0.05, 0.05),
+        ),
     ),
     kernel=lambda s, w, p: w.lambda_ * w.surface * p.c * s.t,
     tried='timed',

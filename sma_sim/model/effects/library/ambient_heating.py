@@ -14,9 +14,15 @@ EFFECT = Effect(
     source='lumped capacitance: Incropera, Fundamentals of Heat and Mass Transfer, 5.1',
     parameters=(
         Parameter(
-            'R', 0.5, 'K/W', (0.0, 100.0), 'thermal resistance from the air at the bundle to the room', '', 0.0, (0.05, 3.0)
+            'R',
+            0.5,
+            'K/W',
+            (0.0, 100.0),
+            'thermal resistance from the air at the bundle to the room',
+            neutral=0.0,
+            realistic=(0.05, 3.0),
         ),
-        Parameter('tau', 60.0, 's', (1e-2, 1e5), 'time constant of the air', '', None, (5.0, 600.0)),
+        Parameter('tau', 60.0, 's', (1e-2, 1e5), 'time constant of the air', realistic=(5.0, 600.0)),
     ),
     states=('Theta',),
     scale=(10.0,),

@@ -27,7 +27,9 @@ EFFECT = Effect(
     equation='e = c sigma, c = C pi r0^2/l0',
     source="springs in series (Hooke's law)",
     parameters=(
-        Parameter('C', 3e-5, 'm/N', (0.0, 1e-3), 'compliance of the attachment of one wire', '', 0.0, (3e-6, 3e-4)),
+        Parameter(
+            'C', 3e-5, 'm/N', (0.0, 1e-3), 'compliance of the attachment of one wire', neutral=0.0, realistic=(3e-6, 3e-4)
+        ),
     ),
     kernel=stretch,
     straight=True,
@@ -42,6 +44,6 @@ EFFECT = Effect(
         'functional_fatigue',
         'r_phase_strain',
         'grip_toe',
-    ),  # fmt: skip
+    ),
     same_as='equal shifts of 1/E_A and 1/E_M by C pi r0^2/l0, in the kinetics too',
 )

@@ -36,7 +36,11 @@ EFFECT = Effect(
     needs=('spring',),
     equation='F = f - sign(f) max(|f| - k b/2, 0)',
     source='dead-zone model of backlash: Nordin and Gutman, Automatica 38 (2002) 1633',
-    parameters=(Parameter('b', 0.02, 'rad', (0.0, 1.5), 'play, from end to end', '', 0.0, (2e-3, 0.2), 'change'),),
+    parameters=(
+        Parameter(
+            'b', 0.02, 'rad', (0.0, 1.5), 'play, from end to end', neutral=0.0, realistic=(2e-3, 0.2), quantity='change'
+        ),
+    ),
     kernel=lost,
     energy='elastic: the force of a potential, none is lost',
     description='without mass and friction between the ends of the play',

@@ -15,8 +15,8 @@ EFFECT = Effect(
     equation='F = phi K z, tau dz/dt = q - z',
     source='Zener model: Findley, Lai and Onaran, Creep and Relaxation of Nonlinear Viscoelastic Materials, 5.7',
     parameters=(
-        Parameter('phi', 0.15, '-', (0.0, 0.95), 'part of the stiffness that relaxes', '', 0.0, (0.02, 0.5)),
-        Parameter('tau', 20.0, 's', (1e-3, 1e6), 'relaxation time', '', None, (1.0, 1000.0)),
+        Parameter('phi', 0.15, '-', (0.0, 0.95), 'part of the stiffness that relaxes', neutral=0.0, realistic=(0.02, 0.5)),
+        Parameter('tau', 20.0, 's', (1e-3, 1e6), 'relaxation time', realistic=(1.0, 1000.0)),
     ),
     states=('z',),
     scale=(1.0,),

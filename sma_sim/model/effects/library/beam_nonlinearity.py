@@ -106,11 +106,12 @@ EFFECT = Effect(
             '1/rad^2',
             (-5.0, 1e3),
             'bending moment grows by 1 + b (L kappa)^2: above 0 stiffer',
-            '',
-            0.0,
-            (-0.5, 30.0),
+            neutral=0.0,
+            realistic=(-0.5, 30.0),
         ),
-        Parameter('c', 0.0, '-', (0.0, 2.0), 'shortening by bending: 1 for a slender beam', '', 0.0, (0.0, 1.2)),
+        Parameter(
+            'c', 0.0, '-', (0.0, 2.0), 'shortening by bending: 1 for a slender beam', neutral=0.0, realistic=(0.0, 1.2)
+        ),
     ),
     kernel=forces,
     energy='elastic: the force of a potential, none is lost',

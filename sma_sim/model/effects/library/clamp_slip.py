@@ -12,10 +12,10 @@ from sma_sim.model.effects.effect import EachBundle, Effect
 from sma_sim.model.parameters import Parameter
 
 INSTANT = Parameter(
-    't_slip', 5.0, 's', (0.0, 1e6), 'instant, from the beginning of the recording', '', None, (1.0, 1e4), 'instant'
+    't_slip', 5.0, 's', (0.0, 1e6), 'instant, from the beginning of the recording', realistic=(1.0, 1e4), quantity='instant'
 )
-WAY = Parameter('delta', 4e-3, '-', (-0.1, 0.1), 'way of its clamp over l0, bundle 1', '', 0.0, (-0.02, 0.02))
-RISE = Parameter('w', 0.1, 's', (1e-3, 100.0), 'time that it takes', '', None, (0.02, 2.0))
+WAY = Parameter('delta', 4e-3, '-', (-0.1, 0.1), 'way of its clamp over l0, bundle 1', neutral=0.0, realistic=(-0.02, 0.02))
+RISE = Parameter('w', 0.1, 's', (1e-3, 100.0), 'time that it takes', realistic=(0.02, 2.0))
 
 
 def smooth_step(t: float, instant: float, w: float) -> float:

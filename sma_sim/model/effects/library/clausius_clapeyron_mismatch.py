@@ -23,7 +23,9 @@ EFFECT = Effect(
     equation='s_A = delta (T - T0)/2, s_M = -s_A: slopes sigma_T + delta/2 and sigma_T - delta/2',
     source='Brinson, J. Intell. Mater. Syst. Struct. 4 (1993) 229: stress influence coefficients C_A and C_M',
     parameters=(
-        Parameter('delta', 2e5, 'Pa/K', (-1e8, 1e8), 'slope of sigma_A less slope of sigma_M', '', 0.0, (-5e5, 1e6)),
+        Parameter(
+            'delta', 2e5, 'Pa/K', (-1e8, 1e8), 'slope of sigma_A less slope of sigma_M', neutral=0.0, realistic=(-5e5, 1e6)
+        ),
     ),
     kernel=shifts,
     energy='latent heat at the shifted stress: first law with U unchanged',

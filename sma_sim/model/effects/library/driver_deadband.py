@@ -31,7 +31,15 @@ EFFECT = Effect(
     equation='J_out = max(J - J_d, 0)',
     source='dead zone of a power stage: Tao and Kokotovic, Adaptive Control of Systems with Actuator Nonlinearities',
     parameters=(
-        Parameter('J_d', 0.05, 'W', (0.0, 1e3), 'heating of one wire (of n) below which none arrives', '', 0.0, (5e-3, 0.3)),
+        Parameter(
+            'J_d',
+            0.05,
+            'W',
+            (0.0, 1e3),
+            'heating of one wire (of n) below which none arrives',
+            neutral=0.0,
+            realistic=(5e-3, 0.3),
+        ),
     ),
     kernel=passed,
     description='the same loss at every command above the threshold',

@@ -36,9 +36,15 @@ EFFECT = Effect(
     equation='tau dP/dt = J - P, no faster than 1/rise',
     source='first-order lag of a current or power controller, with its slew rate',
     parameters=(
-        Parameter('tau', 0.2, 's', (0.0, 1e3), 'time constant of the driver', '', 0.0, (0.01, 3.0)),
+        Parameter('tau', 0.2, 's', (0.0, 1e3), 'time constant of the driver', neutral=0.0, realistic=(0.01, 3.0)),
         Parameter(
-            'rise', 0.0, 's/W', (0.0, 1e3), 'rise time per watt of one wire at the largest rate', '', 0.0, (0.1, 10.0)
+            'rise',
+            0.0,
+            's/W',
+            (0.0, 1e3),
+            'rise time per watt of one wire at the largest rate',
+            neutral=0.0,
+            realistic=(0.1, 10.0),
         ),
     ),
     states=('P',),

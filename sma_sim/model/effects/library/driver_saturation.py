@@ -31,8 +31,10 @@ EFFECT = Effect(
     equation='J_out = J/(1 + (r J)^(2 p))^(1/(2 p))',
     source='soft limiter: Rapp, 2nd European Conference on Satellite Communications (1991) 179',
     parameters=(
-        Parameter('r', 1.0, '1/W', (0.0, 1e3), 'one over the largest heating of one wire (of n)', '', 0.0, (0.3, 3.0)),
-        Parameter('p', 2.0, '-', (0.5, 30.0), 'sharpness of the limit: 2 soft, 6 nearly a clip', '', None, (1.0, 6.0)),
+        Parameter(
+            'r', 1.0, '1/W', (0.0, 1e3), 'one over the largest heating of one wire (of n)', neutral=0.0, realistic=(0.3, 3.0)
+        ),
+        Parameter('p', 2.0, '-', (0.5, 30.0), 'sharpness of the limit: 2 soft, 6 nearly a clip', realistic=(1.0, 6.0)),
     ),
     kernel=passed,
     description='a limit of each bundle; nothing is lost well below it',

@@ -15,8 +15,10 @@ EFFECT = Effect(
     equation='e = toe sigma/(sigma + sigma_t)',
     source='toe compensation of tensile tests: ASTM D638, annex A1; a hyperbola here',
     parameters=(
-        Parameter('toe', 1e-3, '-', (0.0, 0.05), 'strain that the grips take in the end', '', 0.0, (1e-4, 5e-3)),
-        Parameter('sigma_t', 5e6, 'Pa', (1e4, 1e10), 'stress at which they have taken half of it', '', None, (1e6, 5e7)),
+        Parameter(
+            'toe', 1e-3, '-', (0.0, 0.05), 'strain that the grips take in the end', neutral=0.0, realistic=(1e-4, 5e-3)
+        ),
+        Parameter('sigma_t', 5e6, 'Pa', (1e4, 1e10), 'stress at which they have taken half of it', realistic=(1e6, 5e7)),
     ),
     tried='never',
     systems=('wire', 'slider'),

@@ -15,8 +15,8 @@ EFFECT = Effect(
     equation='F_added = F (exp(mu tanh(v/v_s)) - 1)',
     source='Euler-Eytelwein equation with a regularised Coulomb law',
     parameters=(
-        Parameter('mu', 0.05, '-', (0.0, 3.0), 'friction coefficient times wrap angle', '', 0.0, (0.01, 0.5)),
-        Parameter('v_s', 1e-4, 'm/s', (1e-7, 1.0), 'speed at which friction is fully developed', '', None, (1e-5, 1e-3)),
+        Parameter('mu', 0.05, '-', (0.0, 3.0), 'friction coefficient times wrap angle', neutral=0.0, realistic=(0.01, 0.5)),
+        Parameter('v_s', 1e-4, 'm/s', (1e-7, 1.0), 'speed at which friction is fully developed', realistic=(1e-5, 1e-3)),
     ),
     kernel=lambda s, w, p: s.F * (math.exp(p.mu * math.tanh(s.v / p.v_s)) - 1.0),
     tried='timed',

@@ -27,7 +27,13 @@ EFFECT = Effect(
     'Lagoudas, Shape Memory Alloys, 3.2',
     parameters=(
         Parameter(
-            'r', 0.15, '-', (-1.5, 1.5), 'heat capacity of martensite less that of austenite, over c_V', '', 0.0, (-0.4, 0.4)
+            'r',
+            0.15,
+            '-',
+            (-1.5, 1.5),
+            'heat capacity of martensite less that of austenite, over c_V',
+            neutral=0.0,
+            realistic=(-0.4, 0.4),
         ),
         Parameter(
             'T_ref',
@@ -35,9 +41,7 @@ EFFECT = Effect(
             'K',
             (1.0, 2000.0),
             'temperature at which the latent heat is that of the model',
-            '',
-            None,
-            (290.0, 370.0),
+            realistic=(290.0, 370.0),
         ),
     ),
     kernel=heat_and_capacity,

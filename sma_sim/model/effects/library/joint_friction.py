@@ -17,9 +17,17 @@ EFFECT = Effect(
     equation='M = -M_c tanh((dalpha/dt)/w_s)',
     source='Coulomb friction: Olsson et al., European Journal of Control 4 (1998) 176',
     parameters=(
-        Parameter('M_c', 0.02, 'N m', (0.0, 100.0), 'moment of friction', '', 0.0, (2e-3, 0.2), 'force'),
         Parameter(
-            'w_s', 5e-3, 'rad/s', (1e-5, 100.0), 'speed at which friction is fully developed', '', None, (1e-3, 0.05), 'rate'
+            'M_c', 0.02, 'N m', (0.0, 100.0), 'moment of friction', neutral=0.0, realistic=(2e-3, 0.2), quantity='force'
+        ),
+        Parameter(
+            'w_s',
+            5e-3,
+            'rad/s',
+            (1e-5, 100.0),
+            'speed at which friction is fully developed',
+            realistic=(1e-3, 0.05),
+            quantity='rate',
         ),
     ),
     kernel=lambda s, b, p: -p.M_c * math.tanh(s.dq / p.w_s),

@@ -13,7 +13,9 @@ EFFECT = Effect(
     port='wire_heat',
     equation='Q = (k - 1) L_x dx_M/dt',
     source='calorimetry against the Clausius-Clapeyron relation: Otsuka and Wayman, Shape Memory Materials',
-    parameters=(Parameter('k', 1.3, '-', (0.0, 10.0), 'latent heat over that of the model', '', 1.0, (0.5, 2.0)),),
+    parameters=(
+        Parameter('k', 1.3, '-', (0.0, 10.0), 'latent heat over that of the model', neutral=1.0, realistic=(0.5, 2.0)),
+    ),
     kernel=lambda s, w, p: (p.k - 1.0) * latent_heat(s.T, s.sigma, w) * s.dx,
     energy='(k - 1) L_x dx_M/dt is exchanged with a store that U leaves out; nil over a loop where L_x is constant',
     description='a polycrystal transforms in part, with more or less heat than its slope sigma_T says',

@@ -13,8 +13,16 @@ EFFECT = Effect(
     equation='Q = -k A_s |T - T_E|^m (T - T_E)',
     source='Morgan, Advances in Heat Transfer 11 (1975); Incropera, Fundamentals of Heat and Mass Transfer, 9.6',
     parameters=(
-        Parameter('k', 40.0, 'W/(m^2 K^(1+m))', (0.0, 1e4), 'coefficient; larger for thinner wires', '', 0.0, (5.0, 300.0)),
-        Parameter('m', 0.25, '-', (0.0, 1.0), '1/4 laminar, less for thin wires, 0 in a draught', '', None, (0.0, 0.34)),
+        Parameter(
+            'k',
+            40.0,
+            'W/(m^2 K^(1+m))',
+            (0.0, 1e4),
+            'coefficient; larger for thinner wires',
+            neutral=0.0,
+            realistic=(5.0, 300.0),
+        ),
+        Parameter('m', 0.25, '-', (0.0, 1.0), '1/4 laminar, less for thin wires, 0 in a draught', realistic=(0.0, 0.34)),
     ),
     kernel=lambda s, w, p: -p.k * w.surface * abs(s.T - s.T_E) ** p.m * (s.T - s.T_E),
     energy='heat to the air, cools a wire above T_E always',

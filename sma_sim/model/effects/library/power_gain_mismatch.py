@@ -16,9 +16,13 @@ EFFECT = Effect(
     stage='gain',
     equation='J_1 -> sqrt(ratio) J_1, J_i -> gain_i J_i/sqrt(ratio)',
     source='drivers or bundles of different resistance',
-    parameters=(Parameter('ratio', 1.15, '-', (0.1, 10.0), 'gain of bundle 1 over the others', '', 1.0, (0.7, 1.43)),),
+    parameters=(
+        Parameter('ratio', 1.15, '-', (0.1, 10.0), 'gain of bundle 1 over the others', neutral=1.0, realistic=(0.7, 1.43)),
+    ),
     each_bundle=(
-        EachBundle(Parameter('gain', 1.0, '-', (0.1, 10.0), 'further gain of bundle', '', 1.0, (0.7, 1.43)), 2, 3),
+        EachBundle(
+            Parameter('gain', 1.0, '-', (0.1, 10.0), 'further gain of bundle', neutral=1.0, realistic=(0.7, 1.43)), 2, 3
+        ),
     ),
     kernel=lambda s, w, p: s.J * math.sqrt(p.ratio) if s.wire < 0.5 else s.J * p.gain / math.sqrt(p.ratio),
     wires=2,

@@ -13,7 +13,7 @@ EFFECT = Effect(
     stage='gain',
     equation='J = k J_c',
     source='sensitivity of a measuring system: JCGM 200, International Vocabulary of Metrology, 4.12',
-    parameters=(Parameter('k', 1.1, '-', (0.01, 100.0), 'power over commanded power', '', 1.0, (0.5, 2.0)),),
+    parameters=(Parameter('k', 1.1, '-', (0.01, 100.0), 'power over commanded power', neutral=1.0, realistic=(0.5, 2.0)),),
     tried='never',
     kernel=lambda s, w, p: p.k * s.J,
     description='of the bench, not of the wire: no finding of a diagnosis, but part of its model where it is switched on',

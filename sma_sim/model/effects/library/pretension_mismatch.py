@@ -14,11 +14,23 @@ EFFECT = Effect(
     equation='e = delta/2 (wire 1), extra_i - delta/2 (wire i)',
     source='geometry: l0 of a bundle is known as well as its crimps are placed',
     parameters=(
-        Parameter('delta', 4e-3, '-', (-0.1, 0.1), 'wire 1 is longer than the others, over l0', '', 0.0, (-0.02, 0.02)),
+        Parameter(
+            'delta',
+            4e-3,
+            '-',
+            (-0.1, 0.1),
+            'wire 1 is longer than the others, over l0',
+            neutral=0.0,
+            realistic=(-0.02, 0.02),
+        ),
     ),
     each_bundle=(
         EachBundle(
-            Parameter('extra', 0.0, '-', (-0.1, 0.1), 'further length over l0 of bundle', '', 0.0, (-0.02, 0.02)), 3, 3
+            Parameter(
+                'extra', 0.0, '-', (-0.1, 0.1), 'further length over l0 of bundle', neutral=0.0, realistic=(-0.02, 0.02)
+            ),
+            3,
+            3,
         ),
     ),
     kernel=lambda s, w, p: p.delta * (0.5 - min(s.wire, 1.0)) + p.extra,
@@ -37,5 +49,5 @@ EFFECT = Effect(
         'functional_fatigue',
         'grip_toe',
         'clamp_slip',
-    ),  # fmt: skip
+    ),
 )

@@ -26,9 +26,11 @@ EFFECT = Effect(
     equation='s_A = s_M = q w ln(1 + exp((T_R - T)/w))',
     source='Otsuka and Ren, Prog. Mater. Sci. 50 (2005) 511: R-phase transformation; Clausius-Clapeyron relation',
     parameters=(
-        Parameter('q', 4e5, 'Pa/K', (0.0, 1e8), 'part of sigma_T that is lost below T_R', '', 0.0, (5e4, 1.5e6)),
-        Parameter('T_R', 310.0, 'K', (100.0, 600.0), 'temperature of austenite to R-phase', '', None, (285.0, 345.0)),
-        Parameter('w', 2.0, 'K', (0.05, 50.0), 'width of its window', '', None, (0.5, 8.0)),
+        Parameter(
+            'q', 4e5, 'Pa/K', (0.0, 1e8), 'part of sigma_T that is lost below T_R', neutral=0.0, realistic=(5e4, 1.5e6)
+        ),
+        Parameter('T_R', 310.0, 'K', (100.0, 600.0), 'temperature of austenite to R-phase', realistic=(285.0, 345.0)),
+        Parameter('w', 2.0, 'K', (0.05, 50.0), 'width of its window', realistic=(0.5, 8.0)),
     ),
     kernel=shifts,
     energy='latent heat at the shifted stress: first law with U unchanged; heat of austenite to R-phase is left out',

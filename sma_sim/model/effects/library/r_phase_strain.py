@@ -31,12 +31,12 @@ EFFECT = Effect(
     equation='e = eps_R (1 - x_M) sigma/(sigma + sigma_R)/(1 + exp((T - T_R)/w))',
     source='Otsuka and Ren, Prog. Mater. Sci. 50 (2005) 511: R-phase transformation, its small strain and hysteresis',
     parameters=(
-        Parameter('eps_R', 5e-3, '-', (0.0, 0.05), 'strain of oriented R-phase', '', 0.0, (5e-4, 1.2e-2)),
+        Parameter('eps_R', 5e-3, '-', (0.0, 0.05), 'strain of oriented R-phase', neutral=0.0, realistic=(5e-4, 1.2e-2)),
         Parameter(
-            'T_R', 310.0, 'K', (100.0, 600.0), 'temperature at which half of the parent is R-phase', '', None, (285.0, 345.0)
+            'T_R', 310.0, 'K', (100.0, 600.0), 'temperature at which half of the parent is R-phase', realistic=(285.0, 345.0)
         ),
-        Parameter('w', 3.0, 'K', (0.05, 50.0), 'width of its window', '', None, (0.5, 8.0)),
-        Parameter('sigma_R', 1e7, 'Pa', (1e4, 1e10), 'stress that orients half of it', '', None, (2e6, 5e7)),
+        Parameter('w', 3.0, 'K', (0.05, 50.0), 'width of its window', realistic=(0.5, 8.0)),
+        Parameter('sigma_R', 1e7, 'Pa', (1e4, 1e10), 'stress that orients half of it', realistic=(2e6, 5e7)),
     ),
     tried='single wire',
     kernel=oriented,

@@ -15,7 +15,15 @@ EFFECT = Effect(
     equation='Q = -emissivity sigma_SB A_s (T^4 - T_E^4)',
     source='Stefan-Boltzmann law: Incropera, Fundamentals of Heat and Mass Transfer, 1.2.3; a grey wire in a large room',
     parameters=(
-        Parameter('emissivity', 0.7, '-', (0.0, 1.0), 'of the surface: 0.1 polished, 0.9 oxidised', '', 0.0, (0.05, 0.95)),
+        Parameter(
+            'emissivity',
+            0.7,
+            '-',
+            (0.0, 1.0),
+            'of the surface: 0.1 polished, 0.9 oxidised',
+            neutral=0.0,
+            realistic=(0.05, 0.95),
+        ),
     ),
     kernel=lambda s, w, p: -p.emissivity * SIGMA_SB * w.surface * (s.T**4 - s.T_E**4),
     energy='heat to the room, cools a wire above T_E always',

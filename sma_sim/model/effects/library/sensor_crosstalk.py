@@ -16,9 +16,23 @@ EFFECT = Effect(
     equation='shown_i = value_i + c sum_(j != i) value_j',
     source='cross-sensitivity of multi-component force transducers: ASTM E2428; JCGM 200, 4.12',
     parameters=(
-        Parameter('F', 0.05, '-', (-1.0, 1.0), 'part of the other forces that a force sensor shows', '', 0.0, (-0.2, 0.2)),
         Parameter(
-            'T', 0.02, '-', (-1.0, 1.0), 'part of the other temperatures that a thermometer shows', '', 0.0, (-0.1, 0.1)
+            'F',
+            0.05,
+            '-',
+            (-1.0, 1.0),
+            'part of the other forces that a force sensor shows',
+            neutral=0.0,
+            realistic=(-0.2, 0.2),
+        ),
+        Parameter(
+            'T',
+            0.02,
+            '-',
+            (-1.0, 1.0),
+            'part of the other temperatures that a thermometer shows',
+            neutral=0.0,
+            realistic=(-0.1, 0.1),
         ),
     ),
     by_channel=True,

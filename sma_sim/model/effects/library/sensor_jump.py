@@ -26,12 +26,14 @@ EFFECT = Effect(
     equation='shown = value + jump (1 + tanh(2 (t - t_slip)/w))/2',
     source='abrupt sensor fault: Isermann, Fault-Diagnosis Systems, 5.2',
     parameters=(
-        Parameter('U_x', 1e-5, 'm', (-1.0, 1.0), 'jump of U_x', '', 0.0, (-1e-4, 1e-4)),
-        Parameter('U_y', 2e-4, 'm', (-1.0, 1.0), 'jump of U_y', '', 0.0, (-2e-3, 2e-3)),
-        Parameter('alpha', 0.01, 'rad', (-3.0, 3.0), 'jump of alpha', '', 0.0, (-0.1, 0.1)),
-        Parameter('F_1', 0.5, 'N', (-1e4, 1e4), 'jump of F_1', '', 0.0, (-5.0, 5.0)),
-        Parameter('F_2', 0.5, 'N', (-1e4, 1e4), 'jump of F_2', '', 0.0, (-5.0, 5.0)),
-        Parameter('stress', 2e6, 'Pa', (-1e10, 1e10), 'jump of the load cell over the section', '', 0.0, (-2e7, 2e7)),
+        Parameter('U_x', 1e-5, 'm', (-1.0, 1.0), 'jump of U_x', neutral=0.0, realistic=(-1e-4, 1e-4)),
+        Parameter('U_y', 2e-4, 'm', (-1.0, 1.0), 'jump of U_y', neutral=0.0, realistic=(-2e-3, 2e-3)),
+        Parameter('alpha', 0.01, 'rad', (-3.0, 3.0), 'jump of alpha', neutral=0.0, realistic=(-0.1, 0.1)),
+        Parameter('F_1', 0.5, 'N', (-1e4, 1e4), 'jump of F_1', neutral=0.0, realistic=(-5.0, 5.0)),
+        Parameter('F_2', 0.5, 'N', (-1e4, 1e4), 'jump of F_2', neutral=0.0, realistic=(-5.0, 5.0)),
+        Parameter(
+            'stress', 2e6, 'Pa', (-1e10, 1e10), 'jump of the load cell over the section', neutral=0.0, realistic=(-2e7, 2e7)
+        ),
         INSTANT,
         RISE,
     ),

@@ -16,7 +16,9 @@ EFFECT = Effect(
     channels=('U_x', 'U_y', 'alpha', 'stress'),
     equation='tau dy/dt = value - y',
     source='first-order low-pass filter',
-    parameters=(Parameter('tau', 0.05, 's', (0.0, 1e3), 'time constant of the sensor', '', 0.0, (0.005, 1.0)),),
+    parameters=(
+        Parameter('tau', 0.05, 's', (0.0, 1e3), 'time constant of the sensor', neutral=0.0, realistic=(0.005, 1.0)),
+    ),
     states=('shown',),
     scale=(1.0,),
     start=lambda s, w, p: s.value,

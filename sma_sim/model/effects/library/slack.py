@@ -25,8 +25,10 @@ EFFECT = Effect(
     equation='F_added = part (F_s ln(1 + exp(F/F_s)) - F)',
     source='Euler buckling of a slender wire: its load is far below its tension',
     parameters=(
-        Parameter('part', 1.0, '-', (0.0, 1.0), 'share of the compression that is not passed on', '', 0.0, (0.5, 1.0)),
-        Parameter('F_s', 5e-3, 'N', (1e-6, 10.0), 'force of one wire that counts as slack', '', None, (1e-3, 0.05)),
+        Parameter(
+            'part', 1.0, '-', (0.0, 1.0), 'share of the compression that is not passed on', neutral=0.0, realistic=(0.5, 1.0)
+        ),
+        Parameter('F_s', 5e-3, 'N', (1e-6, 10.0), 'force of one wire that counts as slack', realistic=(1e-3, 0.05)),
     ),
     kernel=missing_push,
     straight=True,

@@ -35,12 +35,16 @@ EFFECT = Effect(
     equation='s_A = width_A (x^end_A - (1 - x)^start_A)/2, s_M = width_M (x^start_M - (1 - x)^end_M)/2',
     source='Lagoudas et al., Int. J. Plast. 32-33 (2012) 155: smooth hardening with exponents, here bounded at the ends',
     parameters=(
-        Parameter('width_A', 1e8, 'Pa', (0.0, 1e10), 'rise of sigma_A while martensite forms', '', 0.0, (2e6, 2e9)),
-        Parameter('width_M', 1e8, 'Pa', (0.0, 1e10), 'fall of sigma_M while it turns back', '', 0.0, (2e6, 2e9)),
-        Parameter('start_A', 3.0, '-', BOUNDS, 'how gradually martensite begins to form', '', None, USUAL),
-        Parameter('end_A', 3.0, '-', BOUNDS, 'how gradually the last of it forms', '', None, USUAL),
-        Parameter('start_M', 3.0, '-', BOUNDS, 'how gradually it begins to turn back', '', None, USUAL),
-        Parameter('end_M', 3.0, '-', BOUNDS, 'how gradually the last of it turns back', '', None, USUAL),
+        Parameter(
+            'width_A', 1e8, 'Pa', (0.0, 1e10), 'rise of sigma_A while martensite forms', neutral=0.0, realistic=(2e6, 2e9)
+        ),
+        Parameter(
+            'width_M', 1e8, 'Pa', (0.0, 1e10), 'fall of sigma_M while it turns back', neutral=0.0, realistic=(2e6, 2e9)
+        ),
+        Parameter('start_A', 3.0, '-', BOUNDS, 'how gradually martensite begins to form', realistic=USUAL),
+        Parameter('end_A', 3.0, '-', BOUNDS, 'how gradually the last of it forms', realistic=USUAL),
+        Parameter('start_M', 3.0, '-', BOUNDS, 'how gradually it begins to turn back', realistic=USUAL),
+        Parameter('end_M', 3.0, '-', BOUNDS, 'how gradually the last of it turns back', realistic=USUAL),
     ),
     kernel=shifts,
     gradual=True,

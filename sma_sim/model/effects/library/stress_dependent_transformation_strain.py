@@ -36,10 +36,17 @@ EFFECT = Effect(
     equation='H(sigma) = eps_T (1 - deficit exp(-max(sigma - sigma_crit, 0)/k)), kept by what formed until it turns back',
     source='Lagoudas et al., Int. J. Plast. 32-33 (2012) 155: H_cur, with H_sat = eps_T, H_min = (1 - deficit) eps_T',
     parameters=(
-        Parameter('deficit', 0.7, '-', (0.0, 1.0), '1 - H_min/H_sat: share of eps_T missing without stress', '', 0.0,
-                  (0.1, 1.0)),
-        Parameter('k', 1.2e8, 'Pa', (1e6, 1e10), 'stress over which the missing share falls to 37 %', '', None, (2e7, 5e8)),
-        Parameter('sigma_crit', 0.0, 'Pa', (0.0, 1e9), 'stress below which nothing is gained', '', None, (0.0, 1.5e8)),
+        Parameter(
+            'deficit',
+            0.7,
+            '-',
+            (0.0, 1.0),
+            '1 - H_min/H_sat: share of eps_T missing without stress',
+            neutral=0.0,
+            realistic=(0.1, 1.0),
+        ),
+        Parameter('k', 1.2e8, 'Pa', (1e6, 1e10), 'stress over which the missing share falls to 37 %', realistic=(2e7, 5e8)),
+        Parameter('sigma_crit', 0.0, 'Pa', (0.0, 1e9), 'stress below which nothing is gained', realistic=(0.0, 1.5e8)),
     ),
     systems=('wire', 'slider', 'coil'),
     states=('m',),
@@ -51,4 +58,4 @@ EFFECT = Effect(
     description='at the start, martensite is as if it had formed under the stress that it has',
     signature='less strain at low stress than at high stress between the same phases; plateaus start where they did',
     confused_with=('wire.eps_T',),
-)  # fmt: skip
+)

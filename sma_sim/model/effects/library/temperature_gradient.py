@@ -23,7 +23,11 @@ EFFECT = Effect(
     port='transformation_stress',
     equation='s_A = s_M = sigma_T dT (x_M - 1/2)',
     source='Clausius-Clapeyron line of the wire at the temperature of the front, a linear distribution',
-    parameters=(Parameter('dT', 1.0, 'K', (0.0, 3.0), 'difference of temperature from end to end', '', 0.0, (0.2, 3.0)),),
+    parameters=(
+        Parameter(
+            'dT', 1.0, 'K', (0.0, 3.0), 'difference of temperature from end to end', neutral=0.0, realistic=(0.2, 3.0)
+        ),
+    ),
     kernel=shifts,
     tried='never',
     gradual=True,

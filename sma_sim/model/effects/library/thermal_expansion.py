@@ -13,8 +13,8 @@ EFFECT = Effect(
     equation='e = a (T - T_ref)',
     source='linear expansion; NiTi 6.6e-6 (martensite) to 11e-6 1/K (austenite), CuZnAl 16e-6 to 18e-6 1/K',
     parameters=(
-        Parameter('a', 11e-6, '1/K', (0.0, 1e-3), 'coefficient of linear expansion', '', 0.0, (2e-6, 3e-5)),
-        Parameter('T_ref', 298.0, 'K', (1.0, 2000.0), 'temperature at which l0 was measured', '', None, (273.0, 330.0)),
+        Parameter('a', 11e-6, '1/K', (0.0, 1e-3), 'coefficient of linear expansion', neutral=0.0, realistic=(2e-6, 3e-5)),
+        Parameter('T_ref', 298.0, 'K', (1.0, 2000.0), 'temperature at which l0 was measured', realistic=(273.0, 330.0)),
     ),
     kernel=lambda s, w, p: p.a * (s.T - p.T_ref),
     straight=True,

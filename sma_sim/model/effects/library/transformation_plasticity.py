@@ -27,10 +27,16 @@ EFFECT = Effect(
     'transformation so far; in proportion to stress: Greenwood and Johnson, Proc. R. Soc. A 283 (1965) 403',
     parameters=(
         Parameter(
-            'c', 5e-12, '1/Pa', (0.0, 1e-9), 'strain per stress and transformation of a fresh wire', '', 0.0, (1e-13, 2e-11)
+            'c',
+            5e-12,
+            '1/Pa',
+            (0.0, 1e-9),
+            'strain per stress and transformation of a fresh wire',
+            neutral=0.0,
+            realistic=(1e-13, 2e-11),
         ),
         Parameter(
-            'z_p', 5.0, '-', (1e-2, 1e6), 'transformation after which it leaves half as much', '', None, (1.0, 1000.0)
+            'z_p', 5.0, '-', (1e-2, 1e6), 'transformation after which it leaves half as much', realistic=(1.0, 1000.0)
         ),
     ),
     tried='single wire',
