@@ -34,14 +34,31 @@ SPREAD = 0.15  # of the true parameters about the nominal ones, in the logarithm
 FREE = {
     'slider': ('wire.eps_T', 'wire.sigma_T', 'wire.c_V', 'wire.lambda', 'wire.dsigma', 'slider.k', 'slider.b'),
     'blocked': ('wire.sigma_T', 'wire.c_V', 'wire.lambda', 'wire.dsigma', 'wire.sigma_MW0'),
-    'tensile': ('wire.E_A', 'wire.E_M', 'wire.eps_T', 'wire.sigma_T', 'wire.dsigma', 'wire.sigma_MW0', 'wire.resistivity_A',
-                'wire.resistivity_M'),
-}  # fmt: skip
+    'tensile': (
+        'wire.E_A',
+        'wire.E_M',
+        'wire.eps_T',
+        'wire.sigma_T',
+        'wire.dsigma',
+        'wire.sigma_MW0',
+        'wire.resistivity_A',
+        'wire.resistivity_M',
+    ),
+}
 CONFIGS = {'slider': EXAMPLES / 'slider' / 'config.yaml', 'blocked': EXAMPLES / 'blocked_force' / 'config.yaml'}
 TENSILE = (
-    'system=wire', 'bench.temperature=prescribed', 'initial.x_M_1=0', 'wire.n=1', 'wire.E_A=4e10', 'wire.E_M=2.5e10',
-    'wire.eps_T=0.045', 'wire.sigma_T=6e6', 'wire.dsigma=1e8', 'wire.sigma_MW0=2.5e8', 'wire.T0=320',
-)  # fmt: skip
+    'system=wire',
+    'bench.temperature=prescribed',
+    'initial.x_M_1=0',
+    'wire.n=1',
+    'wire.E_A=4e10',
+    'wire.E_M=2.5e10',
+    'wire.eps_T=0.045',
+    'wire.sigma_T=6e6',
+    'wire.dsigma=1e8',
+    'wire.sigma_MW0=2.5e8',
+    'wire.T0=320',
+)
 TEMPERATURES = (325.0, 345.0, 335.0, 355.0)  # [K] of tensile tests
 EFFECTS = {'thermal_expansion': 'thermal_expansion:a=1.1e-5,T_ref=298', 'polycrystal': 'polycrystal:spread=6e7'}
 MAPS = {
@@ -147,8 +164,10 @@ def measured(kind: str, run: Any, random: np.random.Generator, count: int) -> di
     for k in range(1, count):  # an infrared sensor follows late
         T[k] = T[k - 1] + heat * (T[k] - T[k - 1])
     drift = 1e5 * random.normal() * np.linspace(-0.5, 0.5, count)
-    return {'T': T + random.normal() + 0.1 * random.normal(size=count),
-            'stress': run['stress_Pa'] + 5e4 * random.normal() + drift + 7e3 * random.normal(size=count)}  # fmt: skip
+    return {
+        'T': T + random.normal() + 0.1 * random.normal(size=count),
+        'stress': run['stress_Pa'] + 5e4 * random.normal() + drift + 7e3 * random.normal(size=count),
+    }
 
 
 def dataset_of(kind: str, files: list[Path], system: str) -> Dataset:
@@ -174,10 +193,15 @@ def diagnosed(kind: str, effects: list[str], number: int) -> dict[str, Any]:
     found = diagnose(training, nominal, held_out, DiagnosisRequest(kinetics='hybrid', equation=False))
     last, first = found.stages[-1], found.nominal
     return {
-        'kind': kind, 'truth': effects, 'number': number, 'verdict': found.verdict, 'effects': list(found.effects),
-        'nominal': [first.train, first.held_out], 'last': [last.train, last.held_out],
+        'kind': kind,
+        'truth': effects,
+        'number': number,
+        'verdict': found.verdict,
+        'effects': list(found.effects),
+        'nominal': [first.train, first.held_out],
+        'last': [last.train, last.held_out],
         'cpu_seconds': time.process_time() - start,
-    }  # fmt: skip
+    }
 
 
 def main() -> None:

@@ -26,11 +26,17 @@ from sma_sim.words.diagnosis_data import as_data
 
 DETECTABLE = 1.3  # held-out normalized RMSE of the best fit without the effect
 PAIRS = (
-    ('gravity', 'natural_convection'), ('joint_friction', 'ambient_heating'), ('polycrystal', 'gravity'),
-    ('beam_creep', 'driver_lag'), ('power_gain_mismatch', 'natural_convection'), ('guide_friction', 'gravity'),
-    ('resistance_feedback', 'sensor_gain'), ('beam_nonlinearity', 'thermal_crosstalk'),
-    ('clausius_clapeyron_mismatch', 'pretension_mismatch'), ('sensor_lag', 'gravity'),
-)  # fmt: skip
+    ('gravity', 'natural_convection'),
+    ('joint_friction', 'ambient_heating'),
+    ('polycrystal', 'gravity'),
+    ('beam_creep', 'driver_lag'),
+    ('power_gain_mismatch', 'natural_convection'),
+    ('guide_friction', 'gravity'),
+    ('resistance_feedback', 'sensor_gain'),
+    ('beam_nonlinearity', 'thermal_crosstalk'),
+    ('clausius_clapeyron_mismatch', 'pretension_mismatch'),
+    ('sensor_lag', 'gravity'),
+)
 CHANNELS = ('forces', 'pose')  # what is recorded: the forces too, or the pose alone
 Case = tuple[str, tuple[str, ...], int, bool]  # part, hidden effects, seed, with forces
 
@@ -58,12 +64,16 @@ def solve(part: str, hidden: tuple[str, ...], seed: int, forces: bool, pool: Exe
     data = as_data(diagnose(made.dataset, made.nominal, request=DiagnosisRequest(equation=False), executor=pool))
     ranked = [one['effect'] for one in data['ranking']]
     return {
-        'verdict': data['verdict'], 'model': data['model'], 'effects': data['effects'], 'ranked': ranked,
+        'verdict': data['verdict'],
+        'model': data['model'],
+        'effects': data['effects'],
+        'ranked': ranked,
         'alike': data['ranking'][0]['confounded_with'] if ranked else [],
         'probabilities': data['probabilities'],
-        'bare': held_out(data['error'][0]), 'last': held_out(data['error'][-1]),
+        'bare': held_out(data['error'][0]),
+        'last': held_out(data['error'][-1]),
         'together': data.get('fitted_together'),
-    }  # fmt: skip
+    }
 
 
 def is_right(one: dict[str, Any]) -> bool:
@@ -118,9 +128,11 @@ def summary(results: list[dict[str, Any]]) -> Iterator[str]:
     for one in results:
         part, hidden, seed, forces = one['case']
         mark = 'right' if is_right(one) else ('none' if not one['effects'] else 'WRONG')
-        yield (f'{part:8} {"+".join(hidden) or "-":42} {seed:5} {"forces" if forces else "pose":6} '
-               f'nominal {one["bare"]:6.2f} -> {one["last"]:6.2f} {one["verdict"]:15} {mark:6} {", ".join(one["effects"])}'
-               + (f' (like {", ".join(one["alike"])})' if one['alike'] else ''))  # fmt: skip
+        yield (
+            f'{part:8} {"+".join(hidden) or "-":42} {seed:5} {"forces" if forces else "pose":6} '
+            f'nominal {one["bare"]:6.2f} -> {one["last"]:6.2f} {one["verdict"]:15} {mark:6} {", ".join(one["effects"])}'
+            + (f' (like {", ".join(one["alike"])})' if one['alike'] else '')
+        )
 
 
 def main() -> None:

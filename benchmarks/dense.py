@@ -59,10 +59,12 @@ def times_of(model: str, command: Input, turns: int) -> dict[str, float]:
     with ThreadPoolExecutor(1) as pool:
         _, tangents = timed(lambda: linearize(problem, z, pool), turns)
     return {
-        'simulation_ms': simulation, 'tangents_ms': tangents, 'steps': float(shown.steps),
+        'simulation_ms': simulation,
+        'tangents_ms': tangents,
+        'steps': float(shown.steps),
         'alpha_error_deg': float(np.degrees(np.abs(shown['alpha_rad'] - exact['alpha_rad']).max())),
         'T_1_error_K': float(np.abs(shown['T_1_K'] - exact['T_1_K']).max()),
-    }  # fmt: skip
+    }
 
 
 def measure(arguments: argparse.Namespace) -> dict[str, Any]:

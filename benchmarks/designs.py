@@ -43,11 +43,17 @@ from sma_sim.evidence.model_selection.refit import refit
 from sma_sim.model.config import Config
 
 PAIRS = (
-    ('natural_convection', 'radiation'), ('gravity', 'sensor_bias'), ('driver_lag', 'latent_heat_scale'),
-    ('beam_creep', 'ambient_heating'), ('guide_friction', 'joint_friction'), ('thermal_crosstalk', 'polycrystal'),
-    ('beam_nonlinearity', 'sensor_gain'), ('functional_fatigue', 'ambient_heating'), ('sensor_lag', 'driver_lag'),
+    ('natural_convection', 'radiation'),
+    ('gravity', 'sensor_bias'),
+    ('driver_lag', 'latent_heat_scale'),
+    ('beam_creep', 'ambient_heating'),
+    ('guide_friction', 'joint_friction'),
+    ('thermal_crosstalk', 'polycrystal'),
+    ('beam_nonlinearity', 'sensor_gain'),
+    ('functional_fatigue', 'ambient_heating'),
+    ('sensor_lag', 'driver_lag'),
     ('clausius_clapeyron_mismatch', 'r_phase'),
-)  # fmt: skip
+)
 DEFAULTS = 2
 RATE, LENGTH, HOLD = 20.0, 100.0, 0.5  # [1/s], [s], [s]
 POWER = 15.0  # [W] of the new experiment
@@ -131,10 +137,15 @@ def solve(pair: Sequence[str], seed: int, tries: int, pool: Executor) -> dict[st
     before = plan.hypotheses[0].log_evidence - plan.hypotheses[1].log_evidence
     expected = plan.expected[0]
     return {
-        'power': power, 'before': before, 'expected': [expected.designed, expected.default],
-        'designed': gains[0][0], 'defaults': [gain for gain, _ in gains[1:]], 'errors': [error for _, error in gains],
-        'levels': plan.levels.tolist(), 'design_seconds': plan.seconds,
-    }  # fmt: skip
+        'power': power,
+        'before': before,
+        'expected': [expected.designed, expected.default],
+        'designed': gains[0][0],
+        'defaults': [gain for gain, _ in gains[1:]],
+        'errors': [error for _, error in gains],
+        'levels': plan.levels.tolist(),
+        'design_seconds': plan.seconds,
+    }
 
 
 def low_power_command(power: float, T_E: float, random: np.random.Generator) -> Input:
@@ -160,8 +171,10 @@ def summary(results: list[dict[str, Any]]) -> Iterator[str]:
         (true, rival), *_ = result['case']
         defaults = ', '.join(f'{x:.3g}' for x in result['defaults'])
         designed, usual = result['expected']
-        yield (f'| {true}, {rival} | {result["power"]:g} | {result["before"]:.1f} | {designed:.3g}, {usual:.3g} | '
-               f'{result["designed"]:.4g} | {defaults} | {ratio(result):.1f} |')  # fmt: skip
+        yield (
+            f'| {true}, {rival} | {result["power"]:g} | {result["before"]:.1f} | {designed:.3g}, {usual:.3g} | '
+            f'{result["designed"]:.4g} | {defaults} | {ratio(result):.1f} |'
+        )
     if results or failed:
         times = [ratio(result) for result in results] + [0.0] * len(failed)
         yield f'\nmedian {np.median(times):.1f} times, least {min(times):.1f}'

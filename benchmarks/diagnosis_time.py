@@ -20,10 +20,16 @@ from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.estimation.executors import one_thread_for_linear_algebra
 
 STAGES = {  # by what the line of progress contains, the first that is there
-    'fitting the hybrid': 'nominal fits', 'fitting the mas': 'nominal fits', 'may lack': 'proposals',
-    'terms': 'terms of equations', 'in place of': 'exchanges', 'held-out runs': 'held-out runs',
-    'all runs': 'held-out runs', 'the last fit': 'last fit, intervals', 'fitting': 'fits of proposals',
-}  # fmt: skip
+    'fitting the hybrid': 'nominal fits',
+    'fitting the mas': 'nominal fits',
+    'may lack': 'proposals',
+    'terms': 'terms of equations',
+    'in place of': 'exchanges',
+    'held-out runs': 'held-out runs',
+    'all runs': 'held-out runs',
+    'the last fit': 'last fit, intervals',
+    'fitting': 'fits of proposals',
+}
 LISTED, TWO, ONE_WIRE, EQUATION = 'gravity', ('guide_friction', 'gravity'), 'wire_1_friction', 'curved_slopes'
 MANY = RecordingPlan(runs=30)
 

@@ -38,14 +38,16 @@ def solve(kind: str, seed: int, forces: bool, unknown_only: bool, pool: Executor
         data = as_data(diagnose(made.dataset, made.nominal, executor=pool))
     proposed = data.get('proposed')
     return {
-        'verdict': data['verdict'], 'effects': data['effects'],
-        'port': hidden.port, 'variables': list(hidden.variables),
+        'verdict': data['verdict'],
+        'effects': data['effects'],
+        'port': hidden.port,
+        'variables': list(hidden.variables),
         'nominal': data['error'][0]['held_out'],
         'before': proposed['held_out']['before'] if proposed else data['error'][-1]['held_out'],
         'after': proposed['held_out']['after'] if proposed else None,
         'found': {name: proposed[name] for name in ('port', 'ports', 'formula', 'variables', 'alike')} if proposed else None,
         'values': {name: c['value'] for name, c in proposed['coefficients'].items()} if proposed else None,
-    }  # fmt: skip
+    }
 
 
 @contextmanager

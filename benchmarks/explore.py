@@ -136,8 +136,9 @@ def measured_session(browser: Any, pid: int, arguments: argparse.Namespace) -> d
         take(browser, stage)
     browser.execute_script('document.getElementById("tab-parameters").click()')
     for view, words in (('model', 'the model alone'), ('data', 'beside three recordings of 5,000 samples and 5 channels')):
-        browser.execute_script(f'document.getElementById("view-{view}").click(); '
-                               'document.getElementById("tab-parameters").click()')  # fmt: skip
+        browser.execute_script(
+            f'document.getElementById("view-{view}").click(); document.getElementById("tab-parameters").click()'
+        )
         until(browser, f'smaExplore.view === "{view}"')
         moved(browser, 20)
         times = moved(browser, arguments.moves)
@@ -148,8 +149,11 @@ def measured_session(browser: Any, pid: int, arguments: argparse.Namespace) -> d
     moved(browser, arguments.repeats)
     after = memory_of(pid), heap(browser)
     rows[f'memory over {arguments.repeats} moves'] = {
-        'program_before_MB': before[0], 'program_after_MB': after[0], 'page_before_MB': before[1], 'page_after_MB': after[1],
-    }  # fmt: skip
+        'program_before_MB': before[0],
+        'program_after_MB': after[0],
+        'page_before_MB': before[1],
+        'page_after_MB': after[1],
+    }
     if arguments.minutes:
         rows['memory while it is open'] = memory_while_open(browser, pid, arguments.minutes)
     return rows

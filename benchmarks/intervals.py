@@ -91,14 +91,26 @@ def one_seed(seed: int, runs: int, model: str, missing: bool, rate: float) -> di
     ]
     parameters = {
         one.name: {
-            'inside': bool(one.low <= truth.parameters[one.name] <= one.high), 'seen': one.seen, 'std': one.std,
+            'inside': bool(one.low <= truth.parameters[one.name] <= one.high),
+            'seen': one.seen,
+            'std': one.std,
             'error': one.value / truth.parameters[one.name] - 1.0,
         }
         for one in found.uncertainty.intervals
-    }  # fmt: skip
-    return {'seed': seed, 'runs': runs, 'model': model, 'missing': missing, 'rate': rate, 'parameters': parameters,
-            'held_out': out[0].error, 'fitted': found.error, 'curve': float(np.mean(within)),
-            'cpu_seconds': seconds, 'wall_seconds': found.seconds}  # fmt: skip
+    }
+    return {
+        'seed': seed,
+        'runs': runs,
+        'model': model,
+        'missing': missing,
+        'rate': rate,
+        'parameters': parameters,
+        'held_out': out[0].error,
+        'fitted': found.error,
+        'curve': float(np.mean(within)),
+        'cpu_seconds': seconds,
+        'wall_seconds': found.seconds,
+    }
 
 
 def kept(file: Path) -> list[dict[str, Any]]:
@@ -118,11 +130,13 @@ def table(rows: list[dict[str, Any]]) -> dict[str, Any]:
     each = {name: {'coverage': of(sum(hits), len(hits)), 'unseen': unseen[name]} for name, hits in inside.items()}
     errors = [row['held_out'] for row in rows]
     return {
-        'seeds': len(rows), 'pooled coverage': of(sum(map(sum, inside.values())), sum(map(len, inside.values()))),
+        'seeds': len(rows),
+        'pooled coverage': of(sum(map(sum, inside.values())), sum(map(len, inside.values()))),
         'predicted curve': float(np.mean([row['curve'] for row in rows])),
-        'parameters': each, 'held out': {'median': float(np.median(errors)), 'worst': float(np.max(errors))},
+        'parameters': each,
+        'held out': {'median': float(np.median(errors)), 'worst': float(np.max(errors))},
         'cpu seconds of a fit': {'median': float(np.median([row['cpu_seconds'] for row in rows]))},
-    }  # fmt: skip
+    }
 
 
 def measure(arguments: argparse.Namespace) -> dict[str, Any]:

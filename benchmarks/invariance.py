@@ -34,16 +34,26 @@ from sma_sim.model.config import read_config
 from sma_sim.words.diagnosis_data import as_data
 
 CASES: dict[str, tuple[int, tuple[str, ...]]] = {
-    'joint_friction': (15, ('joint_friction',)), 'natural_convection': (17, ('natural_convection',)), 'nothing': (5, ()),
-    'power_gain_mismatch': (15, ('power_gain_mismatch',)), 'harness_ripple': (14, ('harness_ripple',)),
-    'sensor_gain': (15, ('sensor_gain',)), 'ambient_heating': (16, ('ambient_heating',)),
-    'polycrystal': (14, ('polycrystal',)), 'gravity + driver_lag': (18, ('gravity', 'driver_lag')),
-}  # fmt: skip
+    'joint_friction': (15, ('joint_friction',)),
+    'natural_convection': (17, ('natural_convection',)),
+    'nothing': (5, ()),
+    'power_gain_mismatch': (15, ('power_gain_mismatch',)),
+    'harness_ripple': (14, ('harness_ripple',)),
+    'sensor_gain': (15, ('sensor_gain',)),
+    'ambient_heating': (16, ('ambient_heating',)),
+    'polycrystal': (14, ('polycrystal',)),
+    'gravity + driver_lag': (18, ('gravity', 'driver_lag')),
+}
 FOREIGN = {  # column, unit of the contract: column and scale of the foreign file, so that SI = scale * foreign
-    'time_s': ('t [ms]', 1e-3), 'J_eq_W': ('power [mW]', 1e-3), 'T_E_K': ('room', 1.0), 'U_x_m': ('x [mm]', 1e-3),
-    'U_y_m': ('y [um]', 1e-6), 'alpha_rad': ('angle [deg]', 0.017453292519943295), 'F_1_N': ('load 1 [mN]', 1e-3),
+    'time_s': ('t [ms]', 1e-3),
+    'J_eq_W': ('power [mW]', 1e-3),
+    'T_E_K': ('room', 1.0),
+    'U_x_m': ('x [mm]', 1e-3),
+    'U_y_m': ('y [um]', 1e-6),
+    'alpha_rad': ('angle [deg]', 0.017453292519943295),
+    'F_1_N': ('load 1 [mN]', 1e-3),
     'F_2_N': ('load 2 [kgf]', 9.80665),
-}  # fmt: skip
+}
 REORDERED = (2, 0, 1)  # which run takes each name
 Asked = tuple[Dataset, DiagnosisRequest]
 
@@ -121,9 +131,13 @@ def every_second_row(folder: Path) -> Asked:
 
 
 VARIANTS: dict[str, Callable[[Path], Asked]] = {
-    'as it is': as_it_is, 'reordered': reordered, 'renamed': renamed, 'other seeds': other_seeds, 'decimated': decimated,
+    'as it is': as_it_is,
+    'reordered': reordered,
+    'renamed': renamed,
+    'other seeds': other_seeds,
+    'decimated': decimated,
     'every second row': every_second_row,
-}  # fmt: skip
+}
 
 
 def solve(folder: str, variant: str, pool: Executor) -> dict[str, Any]:
@@ -135,9 +149,11 @@ def solve(folder: str, variant: str, pool: Executor) -> dict[str, Any]:
         dataset, request = VARIANTS[variant](place)
         data = as_data(diagnose(dataset, config, request=request, executor=pool))
     return {
-        'verdict': data['verdict'], 'effects': data['effects'],
-        'bare': held_out(data['error'][0]), 'last': held_out(data['error'][-1]),
-    }  # fmt: skip
+        'verdict': data['verdict'],
+        'effects': data['effects'],
+        'bare': held_out(data['error'][0]),
+        'last': held_out(data['error'][-1]),
+    }
 
 
 def made(name: str, folder: Path) -> Path:

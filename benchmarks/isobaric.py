@@ -49,12 +49,21 @@ def drawn_alloy(truth: str, random: np.random.Generator) -> dict[str, Any]:
     slope = random.uniform(6e6, 12e6)
     E_A = random.uniform(5e10, 8e10)
     return {
-        'M_s': M_s, 'M_f': M_s - width, 'A_s': A_s, 'A_f': A_s + width * random.uniform(0.7, 1.3),
-        'C_M': slope, 'C_A': slope * random.uniform(0.85, 1.15), 'E_A': E_A, 'E_M': E_A * random.uniform(0.35, 0.6),
-        'H_sat': random.uniform(0.02, 0.055), 'missing': random.uniform(0.5, 0.95) if oriented else 0.0,
-        'k': random.uniform(5e7, 1.8e8), 'sigma_crit': random.uniform(0.0, 3e7),
-        'n': random.uniform(0.15, 0.45, 4) if smooth else np.ones(4), 'top': random.choice([2.5e8, 3e8, 4e8]),
-    }  # fmt: skip
+        'M_s': M_s,
+        'M_f': M_s - width,
+        'A_s': A_s,
+        'A_f': A_s + width * random.uniform(0.7, 1.3),
+        'C_M': slope,
+        'C_A': slope * random.uniform(0.85, 1.15),
+        'E_A': E_A,
+        'E_M': E_A * random.uniform(0.35, 0.6),
+        'H_sat': random.uniform(0.02, 0.055),
+        'missing': random.uniform(0.5, 0.95) if oriented else 0.0,
+        'k': random.uniform(5e7, 1.8e8),
+        'sigma_crit': random.uniform(0.0, 3e7),
+        'n': random.uniform(0.15, 0.45, 4) if smooth else np.ones(4),
+        'top': random.choice([2.5e8, 3e8, 4e8]),
+    }
 
 
 def fraction(alloy: dict[str, Any], stress: float, T: Vector, heats: NDArray[np.bool_]) -> Vector:
@@ -110,10 +119,14 @@ def diagnosed(dataset: Dataset, held_out: str) -> dict[str, Any]:
     found = diagnose(training, config, judging, DiagnosisRequest(kinetics='hybrid', equation=False))
     bare, last = found.nominal, found.stages[-1]
     return {
-        'held_out': held_out, 'verdict': found.verdict, 'effects': sorted(found.effects),
-        'retracted': sorted(found.retracted), 'fitted': [percent * bare.train, percent * last.train],
-        'predicted': [percent * bare.held_out, percent * last.held_out], 'cpu_seconds': time.process_time() - start,
-    }  # fmt: skip
+        'held_out': held_out,
+        'verdict': found.verdict,
+        'effects': sorted(found.effects),
+        'retracted': sorted(found.retracted),
+        'fitted': [percent * bare.train, percent * last.train],
+        'predicted': [percent * bare.held_out, percent * last.held_out],
+        'cpu_seconds': time.process_time() - start,
+    }
 
 
 def cases(given: argparse.Namespace) -> list[tuple[dict[str, Any], Dataset, str]]:

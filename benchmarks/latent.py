@@ -19,10 +19,24 @@ from sma_sim.evidence.latent_input.latent_search import estimate_latent_inputs
 from sma_sim.evidence.latent_input.results import LatentInputs
 
 KINDS = (
-    'harness_ripple', 'angle_stop', 'supply_sag', 'fraction_convection', 'magnet', 'hot_neighbour', 'warm_beam',
-    'backlash', 'leaking_hinge', 'fan', 'shaking_table', 'drying_film', 'ageing', 'supply_limit', 'sensor_ripple',
-    'sensor_drift', 'none',
-)  # fmt: skip
+    'harness_ripple',
+    'angle_stop',
+    'supply_sag',
+    'fraction_convection',
+    'magnet',
+    'hot_neighbour',
+    'warm_beam',
+    'backlash',
+    'leaking_hinge',
+    'fan',
+    'shaking_table',
+    'drying_film',
+    'ageing',
+    'supply_limit',
+    'sensor_ripple',
+    'sensor_drift',
+    'none',
+)
 DETECTABLE = 1.3  # normalized RMSE
 
 
@@ -38,8 +52,10 @@ def main() -> None:
     asked = parser.parse_args()
     cases = [
         (kind, seed, channels, asked.duration, asked.rate)
-        for seed in asked.seeds for channels in asked.channels for kind in asked.kinds
-    ]  # fmt: skip
+        for seed in asked.seeds
+        for channels in asked.channels
+        for kind in asked.kinds
+    ]
     print(table(solved(drawn(cases, asked.share), solve, asked, row)))
 
 
@@ -52,11 +68,14 @@ def solve(kind: str, seed: int, channels: str, duration: float, rate: float, poo
     found = estimate_latent_inputs(case.dataset, case.nominal, executor=pool)
     right = case.answer.effects[0].port if case.answer.effects else ''
     return {
-        'port': right, 'verdict': found.verdict,
-        'alike': list(found.indistinguishable), 'error': found.error, 'left': found.findings[0].error,
+        'port': right,
+        'verdict': found.verdict,
+        'alike': list(found.indistinguishable),
+        'error': found.error,
+        'left': found.findings[0].error,
         'probability': found.probability,
         'hooks': hooks(found),
-    }  # fmt: skip
+    }
 
 
 def hooks(found: LatentInputs) -> list[str]:

@@ -48,7 +48,7 @@ CASES = (
     Case('within: end of 40 deg C held out', 'stress_strain_*.csv', ISOTHERM, ('_40C#2', '_40C#3')),
     Case('electric: phases -25, 25 held out', 'electric_*.csv', ELECTRIC, ('phase-25', 'phase25'), ROUGHLY + WIRE),
     Case('electric: duty 69 held out', 'electric_*.csv', ELECTRIC, ('duty69',), ROUGHLY + WIRE),
-)  # fmt: skip
+)
 
 
 def parts(dataset: Dataset, held: tuple[str, ...]) -> tuple[Dataset, Dataset]:
@@ -61,17 +61,20 @@ def parts(dataset: Dataset, held: tuple[str, ...]) -> tuple[Dataset, Dataset]:
 def shown(step: ModelStage, noise: float) -> dict[str, Any]:
     """One step of the fall: effects, and stress RMSE [MPa] fitted and held out."""
     return {
-        'effects': list(step.effects), 'fitted': step.channel_errors['stress'] * noise * 1e-6,
-        'held_out': step.held_out_channel_errors['stress'] * noise * 1e-6, 'values': dict(step.values),
-    }  # fmt: skip
+        'effects': list(step.effects),
+        'fitted': step.channel_errors['stress'] * noise * 1e-6,
+        'held_out': step.held_out_channel_errors['stress'] * noise * 1e-6,
+        'values': dict(step.values),
+    }
 
 
 def result(found: Diagnosis) -> dict[str, Any]:
     """What the table needs of a diagnosis."""
     tried = [
         [candidate.name, candidate.error_ratio, candidate.plausible, candidate.log_odds]
-        for step in found.selection_steps for candidate in step.candidate_fits
-    ]  # fmt: skip
+        for step in found.selection_steps
+        for candidate in step.candidate_fits
+    ]
     steps = [shown(stage, found.noise_std['stress']) for stage in found.stages]
     return {'verdict': found.verdict, 'steps': steps, 'tried': tried}
 
@@ -91,8 +94,10 @@ def rows(results: list[dict[str, Any]]) -> list[str]:
     for case in (case for case in results if 'failed' not in case):
         for k, step in enumerate(case['steps']):
             last = k == len(case['steps']) - 1
-            lines.append(f'| {"" if k else case["case"][0]} | {", ".join(step["effects"]) or "none"} | {step["fitted"]:.1f} '
-                         f'| {step["held_out"]:.1f} | {case["verdict"] if last else ""} |')  # fmt: skip
+            lines.append(
+                f'| {"" if k else case["case"][0]} | {", ".join(step["effects"]) or "none"} | {step["fitted"]:.1f} '
+                f'| {step["held_out"]:.1f} | {case["verdict"] if last else ""} |'
+            )
     return lines
 
 

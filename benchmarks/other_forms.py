@@ -37,13 +37,19 @@ def solve(name: str, seed: int, forces: bool, variants: bool, pool: Executor) ->
     used = time.process_time() - t_start
     proposed, last = data.get('proposed'), data['error'][-1]
     return {
-        'verdict': data['verdict'], 'effects': data['effects'], 'variants': data.get('variants', {}),
-        'names': names_with_scopes(data), 'nominal': held_out(data['error'][0]),
-        'last': held_out(last), 'train': last['train'],
-        'formula': proposed['formula'] if proposed else None, 'terms': proposed['term'] if proposed else [],
-        'place': proposed['place'] if proposed else None, 'processor_seconds': used,
+        'verdict': data['verdict'],
+        'effects': data['effects'],
+        'variants': data.get('variants', {}),
+        'names': names_with_scopes(data),
+        'nominal': held_out(data['error'][0]),
+        'last': held_out(last),
+        'train': last['train'],
+        'formula': proposed['formula'] if proposed else None,
+        'terms': proposed['term'] if proposed else [],
+        'place': proposed['place'] if proposed else None,
+        'processor_seconds': used,
         'retracted': data['retracted'],
-    }  # fmt: skip
+    }
 
 
 def names_with_scopes(data: dict[str, Any]) -> list[str]:
@@ -101,10 +107,12 @@ def table(results: list[dict[str, Any]]) -> Iterator[str]:
         name, seed, forces, variants = result['case']
         found = ', '.join(result['names']) + (f' ({result["formula"]})' if result['formula'] else '')
         right = 'yes' if is_right(result) else 'name' if named_right(result) else 'no'
-        yield (f'| {name} | {seed} | {CHANNELS[not forces]} | {"yes" if variants else "no"} | '
-               f'{result["nominal"]:.2f} | {result["last"]:.2f} | '
-               f'`{result["verdict"]}` | {found or "-"} | {right} | {", ".join(extra_effects(result))} | '
-               f'{result["processor_seconds"]:.0f} | {result["seconds"]:.0f} |')  # fmt: skip
+        yield (
+            f'| {name} | {seed} | {CHANNELS[not forces]} | {"yes" if variants else "no"} | '
+            f'{result["nominal"]:.2f} | {result["last"]:.2f} | '
+            f'`{result["verdict"]}` | {found or "-"} | {right} | {", ".join(extra_effects(result))} | '
+            f'{result["processor_seconds"]:.0f} | {result["seconds"]:.0f} |'
+        )
     yield ''
     if failed:
         yield f'refused by the program: {len(failed)}'

@@ -34,10 +34,19 @@ from sma_sim.words.diagnosis_data import as_data
 
 # By effect of the library, the parameter of its truth that is its strength: nothing where that is 0.
 STRENGTHS = {
-    'natural_convection': 'h_50', 'thermal_crosstalk': 'k', 'beam_creep': 'c', 'polycrystal': 'H', 'driver_deadband': 'P_q',
-    'gravity': 'share', 'guide_friction': 'mu', 'driver_lag': 't_r', 'beam_nonlinearity': 'c',
-    'clausius_clapeyron_mismatch': 'excess', 'pretension_mismatch': 'd', 'latent_heat_scale': 'f',
-}  # fmt: skip
+    'natural_convection': 'h_50',
+    'thermal_crosstalk': 'k',
+    'beam_creep': 'c',
+    'polycrystal': 'H',
+    'driver_deadband': 'P_q',
+    'gravity': 'share',
+    'guide_friction': 'mu',
+    'driver_lag': 't_r',
+    'beam_nonlinearity': 'c',
+    'clausius_clapeyron_mismatch': 'excess',
+    'pretension_mismatch': 'd',
+    'latent_heat_scale': 'f',
+}
 ERRORS = (1.02, 1.05, 1.1, 1.2, 1.5, 2.0, 3.0)
 EDGES = (1.0, 1.035, 1.075, 1.15, 1.3, 1.7, 2.5, math.inf)  # of the errors by which cases are counted
 PLAN = RecordingPlan(3, 100.0, 20.0)
@@ -47,7 +56,7 @@ def scaled(truth: Truth, values: Mapping[str, float], strength: str, factor: flo
     """The truth with these values of its parameters, its strength multiplied."""
     fixed = tuple(
         replace(p, realistic=(values[p.name] * (factor if p.name == strength else 1.0),) * 2) for p in truth.parameters
-    )  # fmt: skip
+    )
     return replace(truth, parameters=fixed, signed=())
 
 
@@ -70,17 +79,24 @@ def solve(effect: str, error: float, seed: int, forces: bool, pool: Executor) ->
     made = challenge_with((truth,), seed, forces, PLAN)
     data = as_data(diagnose(made.dataset, made.nominal, request=DiagnosisRequest(equation=False), executor=pool))
     return {
-        'factor': factor, 'bare': data['error'][0]['train'], 'last': data['error'][-1]['train'],
-        'verdict': data['verdict'], 'effects': data['effects'], 'probability': probability(effect, data),
-    }  # fmt: skip
+        'factor': factor,
+        'bare': data['error'][0]['train'],
+        'last': data['error'][-1]['train'],
+        'verdict': data['verdict'],
+        'effects': data['effects'],
+        'probability': probability(effect, data),
+    }
 
 
 def probability(effect: str, data: Mapping[str, Any]) -> float:
     """That the effect is there, in whatever scope: the weight of all models that have it."""
-    return float(sum(
-        model['probability'] for model in data['models']
-        if any(name.partition(SEPARATOR)[0] == effect for name in model['effects'])
-    ))  # fmt: skip
+    return float(
+        sum(
+            model['probability']
+            for model in data['models']
+            if any(name.partition(SEPARATOR)[0] == effect for name in model['effects'])
+        )
+    )
 
 
 def table(results: list[dict[str, Any]]) -> Iterator[str]:
@@ -101,8 +117,10 @@ def table(results: list[dict[str, Any]]) -> Iterator[str]:
     yield '|---|---|---|---|---|---|---|---|---|'
     for one in sorted(results, key=lambda one: one['case']):
         effect, error, seed, _ = one['case']
-        yield (f'| {effect} | {error:g} | {seed} | {one["factor"]:.2g} | {one["bare"]:.3f} | {one["last"]:.3f} | '
-               f'`{one["verdict"]}` | {", ".join(one["effects"])} | {one["probability"]:.2f} |')  # fmt: skip
+        yield (
+            f'| {effect} | {error:g} | {seed} | {one["factor"]:.2g} | {one["bare"]:.3f} | {one["last"]:.3f} | '
+            f'`{one["verdict"]}` | {", ".join(one["effects"])} | {one["probability"]:.2f} |'
+        )
 
 
 def main() -> None:

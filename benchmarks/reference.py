@@ -35,9 +35,11 @@ def module_case(folder: Path, case: str, kind: str) -> dict[str, float]:
         name: float(np.abs(run[name] - expected[name]).max()) for name in ('alpha_rad', 'U_x_m', 'U_y_m', 'T_1_K', 'T_2_K')
     }
     return {
-        'alpha [deg]': float(np.degrees(largest['alpha_rad'])), 'U_x [um]': 1e6 * largest['U_x_m'],
-        'U_y [um]': 1e6 * largest['U_y_m'], 'T [K]': max(largest['T_1_K'], largest['T_2_K']),
-    }  # fmt: skip
+        'alpha [deg]': float(np.degrees(largest['alpha_rad'])),
+        'U_x [um]': 1e6 * largest['U_x_m'],
+        'U_y [um]': 1e6 * largest['U_y_m'],
+        'T [K]': max(largest['T_1_K'], largest['T_2_K']),
+    }
 
 
 def wire_case(folder: Path, case: str) -> dict[str, float]:

@@ -30,8 +30,17 @@ DATASETS = {
     'wire, stress': ('wire', ('stress_Pa',)),
 }
 START = {'initial.x_M_1': 0.56, 'initial.x_M_2': 0.56}
-COMMON = ('wire.E_A', 'wire.E_M', 'wire.eps_T', 'wire.sigma_T', 'wire.c_V', 'wire.lambda', 'wire.sigma_MW0', 'wire.dsigma',
-          'initial.x_M_1')  # fmt: skip
+COMMON = (
+    'wire.E_A',
+    'wire.E_M',
+    'wire.eps_T',
+    'wire.sigma_T',
+    'wire.c_V',
+    'wire.lambda',
+    'wire.sigma_MW0',
+    'wire.dsigma',
+    'initial.x_M_1',
+)
 OF_MODULE = ('beam.E', 'beam.b_y', 'beam.b_alpha', 'plate.W', 'initial.x_M_2')
 
 

@@ -144,9 +144,16 @@ def scipy_solver(method: str) -> Solve:
 
         events = None if problem.model.compiled.mas else [event(k) for k in range(4)]
         done = solve_ivp(
-            problem.rhs, (t, t_end), y, method, asked, events=events, rtol=rtol, atol=rtol * problem.scales,
+            problem.rhs,
+            (t, t_end),
+            y,
+            method,
+            asked,
+            events=events,
+            rtol=rtol,
+            atol=rtol * problem.scales,
             first_step=min(1e-4, t_end - t),
-        )  # fmt: skip
+        )
         if done.status < 0:
             raise RuntimeError(done.message)
         fired = [k for k, times in enumerate(done.t_events or []) if len(times)]
@@ -235,8 +242,12 @@ def ours(kind: str, rtol: float, exact: list[Any]) -> dict[str, Any]:
         steps.append(run.steps)
         errors.append(largest_errors(run.columns, truth)['alpha'])
         times.append(1e3 * median_time(lambda command=command: simulate(model, command, SAMPLES), 3))
-    return {'rtol': rtol, 'median_ms': float(np.median(times)), 'steps': int(np.median(steps)),
-            'alpha_error_deg': float(np.median(errors))}  # fmt: skip
+    return {
+        'rtol': rtol,
+        'median_ms': float(np.median(times)),
+        'steps': int(np.median(steps)),
+        'alpha_error_deg': float(np.median(errors)),
+    }
 
 
 def theirs(kind: str, name: str, solve: Solve, rtol: float, exact: list[Any]) -> dict[str, Any]:
@@ -256,9 +267,14 @@ def theirs(kind: str, name: str, solve: Solve, rtol: float, exact: list[Any]) ->
         restarts.append(count)
     if not times:
         return {'rtol': rtol, 'median_ms': float('nan'), 'failed': len(exact)}
-    return {'rtol': rtol, 'median_ms': float(np.median(times)), 'rhs_calls': int(np.median(calls)),
-            'restarts': int(np.median(restarts)), 'alpha_error_deg': float(np.median(errors)),
-            'failed': len(exact) - len(times)}  # fmt: skip
+    return {
+        'rtol': rtol,
+        'median_ms': float(np.median(times)),
+        'rhs_calls': int(np.median(calls)),
+        'restarts': int(np.median(restarts)),
+        'alpha_error_deg': float(np.median(errors)),
+        'failed': len(exact) - len(times),
+    }
 
 
 if __name__ == '__main__':

@@ -45,9 +45,10 @@ def scaling(modules: int, kind: str, together: bool) -> dict[str, float]:
         times.append(1e3 * processor_time(lambda source=source: simulate(model, source, 5.0)))
         steps.append(simulate(model, source, 5.0).steps)
     return {
-        'milliseconds': float(np.median(times)), 'steps': float(np.median(steps)),
+        'milliseconds': float(np.median(times)),
+        'steps': float(np.median(steps)),
         'microseconds_per_step': float(np.median(1e3 * np.array(times) / steps)),
-    }  # fmt: skip
+    }
 
 
 def random_runs(kind: str, count: int) -> dict[str, Any]:

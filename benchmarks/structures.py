@@ -76,9 +76,11 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
         for name, one in found.items():
             ratio = one['milliseconds'] / found['module']['milliseconds']
             result[f'{name}, {kind}'] = {
-                'milliseconds': one['milliseconds'], 'times_the_module': ratio, 'steps': one['steps'],
+                'milliseconds': one['milliseconds'],
+                'times_the_module': ratio,
+                'steps': one['steps'],
                 'failures': len(one['failures']),
-            }  # fmt: skip
+            }
             print(*one['failures'][:3], sep='\n', end='\n' if one['failures'] else '')
     return result
 

@@ -90,10 +90,16 @@ def compare(problem: Problem, turns: int) -> dict[str, float]:
         central, t_2 = timed(lambda: linearize_by_differences(problem, z, pool, steps, central=True), turns)
         exact = extrapolated(problem, z, pool)
     return {
-        'unknowns of a run': len(problem.indices()[0]), 'tangents_ms': t, 'one_sided_ms': t_1, 'central_ms': t_2,
-        'one_sided_over_tangents': t_1 / t, 'central_over_tangents': t_2 / t, 'error_tangents': errors(tangents, exact),
-        'error_one_sided': errors(one_sided, exact), 'error_central': errors(central, exact),
-    }  # fmt: skip
+        'unknowns of a run': len(problem.indices()[0]),
+        'tangents_ms': t,
+        'one_sided_ms': t_1,
+        'central_ms': t_2,
+        'one_sided_over_tangents': t_1 / t,
+        'central_over_tangents': t_2 / t,
+        'error_tangents': errors(tangents, exact),
+        'error_one_sided': errors(one_sided, exact),
+        'error_central': errors(central, exact),
+    }
 
 
 def measure(arguments: argparse.Namespace) -> dict[str, Any]:

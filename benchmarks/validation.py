@@ -111,9 +111,11 @@ def run_part(part: Part, results: Results, asked: argparse.Namespace, minutes: f
     print(f'--- {part.name}: python benchmarks/{" ".join(words)}', flush=True)
     t_start = time.monotonic()
     done = subprocess.run(
-        [sys.executable, str(ROOT / 'benchmarks' / words[0]), *words[1:]], cwd=results.folder,
-        env=os.environ | {'PYTHONPATH': str(ROOT)}, check=False,
-    )  # fmt: skip
+        [sys.executable, str(ROOT / 'benchmarks' / words[0]), *words[1:]],
+        cwd=results.folder,
+        env=os.environ | {'PYTHONPATH': str(ROOT)},
+        check=False,
+    )
     seconds = time.monotonic() - t_start
     if done.returncode == 0 and (results.folder / part.result_file).exists():
         results.set_stamp(part, now, asked.scale, not part.resumable or seconds < 60.0 * minutes, seconds)

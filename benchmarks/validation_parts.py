@@ -115,10 +115,20 @@ def challenge_tables(results: list[Case]) -> str:
         own = [case for case in results if case['case'][3] == (channels == 'forces')]
         counts += [[f'{name}, {channels}', of(*numbers)] for name, numbers in hit_rates(own) if numbers[1]]
     cases = [
-        [part, ', '.join(hidden) or '-', seed, 'forces' if forces else 'pose', case['bare'], case['last'],
-         f'`{case["verdict"]}`', ', '.join(case['effects']), ', '.join(case['alike'])]
-        for case in results for part, hidden, seed, forces in [case['case']]
-    ]  # fmt: skip
+        [
+            part,
+            ', '.join(hidden) or '-',
+            seed,
+            'forces' if forces else 'pose',
+            case['bare'],
+            case['last'],
+            f'`{case["verdict"]}`',
+            ', '.join(case['effects']),
+            ', '.join(case['alike']),
+        ]
+        for case in results
+        for part, hidden, seed, forces in [case['case']]
+    ]
     head = ['', 'hidden', 'seed', 'recorded', 'error without', 'with', 'verdict', 'effects', 'indistinguishable']
     return rows(['', 'as it should be'], counts) + '\n\nEvery case:\n\n' + rows(head, cases)
 

@@ -71,9 +71,12 @@ def draw(rows: Sequence[Row]) -> Figure:
             words = f'{" + ".join(names) or "nominal"} ({error:.2f})'
             axis.text(size + WIDTH + 0.03, place, words, size=6.5, va='center')
     axis.set(
-        yscale='log', ylabel='log probability behind the best model [nats]', xlabel='components beside the nominal model',
-        xticks=levels, xlim=(levels[0] - 0.05, levels[-1] + 1.7),
-    )  # fmt: skip
+        yscale='log',
+        ylabel='log probability behind the best model [nats]',
+        xlabel='components beside the nominal model',
+        xticks=levels,
+        xlim=(levels[0] - 0.05, levels[-1] + 1.7),
+    )
     axis.invert_yaxis()
     axis.legend(frameon=False, loc='upper left')
     return figure

@@ -51,8 +51,13 @@ def draw(axis: Any, run: ComparedRun) -> None:
     held = run.name == HELD_OUT
     T = run.states['T_K'] - 273.15
     axis.plot(T, 100.0 * run.measured['strain'], color=GREY, linewidth=3.0, alpha=0.6, label='measured' if held else None)
-    axis.plot(T, 100.0 * run.predicted['strain'], color=ORANGE if held else BLUE, linewidth=1.6 if held else 0.9,
-              label='model, level held out' if held else 'model, fitted' if run.name == '400MPa' else None)  # fmt: skip
+    axis.plot(
+        T,
+        100.0 * run.predicted['strain'],
+        color=ORANGE if held else BLUE,
+        linewidth=1.6 if held else 0.9,
+        label='model, level held out' if held else 'model, fitted' if run.name == '400MPa' else None,
+    )
 
 
 if __name__ == '__main__':

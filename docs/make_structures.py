@@ -33,8 +33,10 @@ DURATION, RATE = 6.0, 1000.0
 def main() -> None:
     """Run every structure and draw it."""
     known = find_structures([ROOT / 'examples' / 'own_structure'])
-    runs = [FixedRateRun(model_of(known[name]), RATE, np.array([*(0.0 for _ in drives), *(0.0 for _ in J), 298.0]))
-            for name, (drives, J) in SHOWN.items()]  # fmt: skip
+    runs = [
+        FixedRateRun(model_of(known[name]), RATE, np.array([*(0.0 for _ in drives), *(0.0 for _ in J), 298.0]))
+        for name, (drives, J) in SHOWN.items()
+    ]
     at_rest = [pose_of(run) for run in runs]
     for run, (drives, J) in zip(runs, SHOWN.values(), strict=True):
         run.step(np.array([*drives, *J, 298.0]), round(DURATION * RATE), round(DURATION * RATE))

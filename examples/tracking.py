@@ -140,8 +140,10 @@ def main():
     rows = collect(arguments.speed)
     save(draw(rows), arguments.picture)
     step, sine = errors_of(rows)
-    print(f'{arguments.picture}: largest error in the last half second of a step {step:.3f} deg, '
-          f'root mean square on the sine {sine:.2f} deg')  # fmt: skip
+    print(
+        f'{arguments.picture}: largest error in the last half second of a step {step:.3f} deg, '
+        f'root mean square on the sine {sine:.2f} deg'
+    )
 
 
 if __name__ == '__main__':

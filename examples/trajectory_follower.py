@@ -53,8 +53,11 @@ def check(trajectory, joint):
         values, time = values_of(point), seconds(point.time_from_start)
         lengths = [len(point.positions), len(point.velocities), len(point.accelerations)]
         if lengths not in ([1, 0, 0], [1, 1, 0], [1, 1, 1]) or count not in (0, len(values)):
-            raise RefusedError(INVALID_GOAL, f'point {number}: expected a position, a velocity too if all points have one, '
-                                             'and an acceleration too if all points have both')  # fmt: skip
+            raise RefusedError(
+                INVALID_GOAL,
+                f'point {number}: expected a position, a velocity too if all points have one, '
+                'and an acceleration too if all points have both',
+            )
         if not all(map(math.isfinite, values)) or not low <= values[0] <= high:
             raise RefusedError(INVALID_GOAL, f'point {number}: {values}: expected finite, {low:.4g} to {high:.4g} rad')
         if time <= last:
@@ -137,9 +140,13 @@ class TrajectoryFollower(AlphaController):
             self.get_logger().info('no action follow_joint_trajectory: the package control_msgs is not installed')
             return
         self.server = ActionServer(
-            self, FollowJointTrajectory, '~/follow_joint_trajectory', self.follow, goal_callback=self.on_goal,
+            self,
+            FollowJointTrajectory,
+            '~/follow_joint_trajectory',
+            self.follow,
+            goal_callback=self.on_goal,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
-        )  # fmt: skip
+        )
 
     def on_trajectory(self, message):
         """Follow what the topic brings, instead of a goal."""

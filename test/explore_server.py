@@ -45,9 +45,12 @@ def ask(server, path='/api/state', method='POST', body=b'{}', **headers):
     """Status and content of a request: as our page would send it, but for `headers` (None: without)."""
     host = f'127.0.0.1:{server.port}'
     own = {
-        'Host': host, 'Origin': f'http://{host}', 'Cookie': f'{server.cookie}={server.token}',
-        'Content-Type': 'application/json', 'Content-Length': str(len(body)),
-    }  # fmt: skip
+        'Host': host,
+        'Origin': f'http://{host}',
+        'Cookie': f'{server.cookie}={server.token}',
+        'Content-Type': 'application/json',
+        'Content-Length': str(len(body)),
+    }
     given = own | {name.replace('_', '-'): value for name, value in headers.items()}
     connection = http.client.HTTPConnection('127.0.0.1', server.port, timeout=60)
     try:

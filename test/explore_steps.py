@@ -27,8 +27,13 @@ def begin(browser, stage):
 
 def ended(browser, stage, state='done'):
     """Wait until a step has ended."""
-    until(browser, f'return {STEP}.job?.state === arguments[1] && smaExplore.state.steps.running === null', stage, state,
-          seconds=PATIENCE)  # fmt: skip
+    until(
+        browser,
+        f'return {STEP}.job?.state === arguments[1] && smaExplore.state.steps.running === null',
+        stage,
+        state,
+        seconds=PATIENCE,
+    )
 
 
 def take(browser, stage):

@@ -16,10 +16,17 @@ def module_columns(rows=600, seed=0, noise=True):
         slow[k] = state
         state += (command[k] / 8.0 - state) / (0.8 * RATE)
     columns = {
-        'time_s': time, 'J_eq_W': command, 'T_E_K': np.full(rows, 298.0), 'U_x_m': -5e-5 - 6e-5 * slow**2,
-        'U_y_m': 2.4e-3 * slow, 'alpha_rad': 0.08 * slow, 'F_1_N': 15.0 + 9.0 * slow, 'F_2_N': 15.0 - 8.0 * slow,
-        'T_1_K': 305.0 + 30.0 * np.maximum(slow, 0.0), 'T_2_K': 305.0 + 30.0 * np.maximum(-slow, 0.0),
-    }  # fmt: skip
+        'time_s': time,
+        'J_eq_W': command,
+        'T_E_K': np.full(rows, 298.0),
+        'U_x_m': -5e-5 - 6e-5 * slow**2,
+        'U_y_m': 2.4e-3 * slow,
+        'alpha_rad': 0.08 * slow,
+        'F_1_N': 15.0 + 9.0 * slow,
+        'F_2_N': 15.0 - 8.0 * slow,
+        'T_1_K': 305.0 + 30.0 * np.maximum(slow, 0.0),
+        'T_2_K': 305.0 + 30.0 * np.maximum(-slow, 0.0),
+    }
     if noise:
         for name, std in NOISE.items():
             columns[name] = columns[name] + std * random.normal(size=rows)

@@ -26,9 +26,8 @@ def write_run(path, config, source, rate=20.0, seed=0):
     random = np.random.default_rng(seed)
     run = simulate(Model(config), source, rate)
     shown = {
-        name: column + NOISE[name] * random.normal(size=len(column))
-        for name, column in run.columns.items() if name in NOISE
-    }  # fmt: skip
+        name: column + NOISE[name] * random.normal(size=len(column)) for name, column in run.columns.items() if name in NOISE
+    }
     write_columns(path, inputs_at(source, run.time) | shown)
     return path
 

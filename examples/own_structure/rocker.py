@@ -40,4 +40,4 @@ STRUCTURE = Structure(
     ),
     fitted=('rocker.k', 'rocker.b'),
     defaults={'wire.n': 1.0},
-)  # fmt: skip
+)

@@ -51,8 +51,10 @@ def test_known_parameters_come_back(fitted):
 
 def test_held_out_runs_stand_beside_the_fitted_ones(fitted):
     assert {name: run['held_out'] for name, run in fitted[1]['error']['runs'].items()} == {
-        'run1': False, 'run2': False, 'run3': True
-    }  # fmt: skip
+        'run1': False,
+        'run2': False,
+        'run3': True,
+    }
     assert 'run3 (held out)' in fitted[2].read_text()
 
 

@@ -197,8 +197,10 @@ def test_heated_wire_is_drawn_on_the_side_to_which_the_module_leans(columns):
 
 def test_structures_are_drawn_at_rest_and_moved():
     """One panel each; wires in the colour of their mode, grey lines as at rest."""
-    lever, stack = (FixedRateRun(Model(Config(system=name)), 1000.0, np.array(u)) for name, u in
-                    (('lever', [0.0, 298.0]), ('stack', [0.0, 0.0, 0.0, 298.0])))  # fmt: skip
+    lever, stack = (
+        FixedRateRun(Model(Config(system=name)), 1000.0, np.array(u))
+        for name, u in (('lever', [0.0, 298.0]), ('stack', [0.0, 0.0, 0.0, 298.0]))
+    )
     at_rest = [pose_of(lever), pose_of(stack)]
     lever.step(np.array([2.0, 298.0]), 3000, 3000)
     figure = draw_structures([lever, stack], at_rest)

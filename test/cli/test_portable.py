@@ -13,12 +13,45 @@ ROOT = Path(__file__).resolve().parents[2]
 OFFLINE = [file for file in sorted((ROOT / 'sma_sim').rglob('*.py')) if 'ros' not in file.relative_to(ROOT).parts]
 POSIX_MODULES = {'fcntl', 'grp', 'posix', 'pty', 'pwd', 'readline', 'resource', 'syslog', 'termios', 'tty'}
 POSIX_CALLS = {
-    'os': {'chown', 'fchmod', 'fork', 'forkpty', 'getegid', 'geteuid', 'getgid', 'getloadavg', 'getpgid', 'getpriority',
-           'getuid', 'killpg', 'mkfifo', 'nice', 'rename', 'sched_getaffinity', 'setpgid', 'setsid', 'sysconf', 'uname',
-           'wait', 'waitpid'},
-    'signal': {'SIGALRM', 'SIGCHLD', 'SIGHUP', 'SIGKILL', 'SIGPIPE', 'SIGQUIT', 'SIGUSR1', 'SIGUSR2', 'alarm', 'pause',
-               'setitimer', 'sigwait'},
-}  # fmt: skip
+    'os': {
+        'chown',
+        'fchmod',
+        'fork',
+        'forkpty',
+        'getegid',
+        'geteuid',
+        'getgid',
+        'getloadavg',
+        'getpgid',
+        'getpriority',
+        'getuid',
+        'killpg',
+        'mkfifo',
+        'nice',
+        'rename',
+        'sched_getaffinity',
+        'setpgid',
+        'setsid',
+        'sysconf',
+        'uname',
+        'wait',
+        'waitpid',
+    },
+    'signal': {
+        'SIGALRM',
+        'SIGCHLD',
+        'SIGHUP',
+        'SIGKILL',
+        'SIGPIPE',
+        'SIGQUIT',
+        'SIGUSR1',
+        'SIGUSR2',
+        'alarm',
+        'pause',
+        'setitimer',
+        'sigwait',
+    },
+}
 TEXT_FILES = {'open', 'read_text', 'write_text', 'fdopen', 'NamedTemporaryFile', 'TextIOWrapper'}
 START_METHODS = {'fork', 'forkserver'}
 POSIX_PATHS = ('/tmp', '/dev/', '/proc/', '/var/', '/etc/', '/usr/')
@@ -93,10 +126,22 @@ def test_nothing_is_of_posix_systems_only():
 
 @pytest.mark.parametrize(
     'line',
-    ['import fcntl', 'from pwd import getpwnam', 'os.getuid()', 'from os import fork', 'signal.SIGKILL', 'x = "/tmp/a"',
-     'open(a)', 'open(a, "w")', 'a.read_text()', 'a.write_text(b)', 'get_context("fork")', 'os.rename(a, b)',
-     'run(a, shell=True)'],
-)  # fmt: skip
+    [
+        'import fcntl',
+        'from pwd import getpwnam',
+        'os.getuid()',
+        'from os import fork',
+        'signal.SIGKILL',
+        'x = "/tmp/a"',
+        'open(a)',
+        'open(a, "w")',
+        'a.read_text()',
+        'a.write_text(b)',
+        'get_context("fork")',
+        'os.rename(a, b)',
+        'run(a, shell=True)',
+    ],
+)
 def test_the_check_sees(line):
     assert list(unportable(ast.parse(line)))
 
@@ -120,12 +165,15 @@ def test_help_of_every_command_without_ros(tmp_path):
 
 def test_commands_without_ros(tmp_path):
     (tmp_path / 'step.csv').write_text('time_s,J_eq_W\n0,0\n1,10\n2,0\n', encoding='utf-8')
-    done = run_without_ros(tmp_path, [
-        ['effects'],
-        ['simulate', '--input', 'step.csv', '--out', 'run.csv'],
-        ['simulate', '--input', 'step.csv', '--out', 'run.mcap', '--effect', 'gravity'],
-        ['bag', 'info', 'run.mcap'],
-        ['plot', 'run.csv', '--out', 'run.png'],
-    ])  # fmt: skip
+    done = run_without_ros(
+        tmp_path,
+        [
+            ['effects'],
+            ['simulate', '--input', 'step.csv', '--out', 'run.csv'],
+            ['simulate', '--input', 'step.csv', '--out', 'run.mcap', '--effect', 'gravity'],
+            ['bag', 'info', 'run.mcap'],
+            ['plot', 'run.csv', '--out', 'run.png'],
+        ],
+    )
     assert done.returncode == 0 and done.stdout.splitlines()[-1] == 'False', done.stderr
     assert {'run.csv', 'run.mcap', 'run.png'} <= {file.name for file in tmp_path.iterdir()}

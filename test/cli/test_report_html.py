@@ -60,9 +60,15 @@ def test_page_is_one_file_that_loads_nothing(page):
     links.feed(page.read_text())
     assert links.loaded == ['data:,']
     assert links.headings == [
-        'How well it fits', 'Parameters', 'Where the error is', 'Measured against model', 'Hysteresis',
-        'Residual over state', 'Data', 'How this page was made',
-    ]  # fmt: skip
+        'How well it fits',
+        'Parameters',
+        'Where the error is',
+        'Measured against model',
+        'Hysteresis',
+        'Residual over state',
+        'Data',
+        'How this page was made',
+    ]
     assert page.stat().st_size < MAX_BYTES
 
 
@@ -237,8 +243,12 @@ def test_legend_switches_a_curve_off_in_every_channel(desktop):
     )
     entry.click()
     number = figure.get_attribute('id')
-    until(desktop, f"document.getElementById('{number}')._fullData.filter(t => t.name === 'model')"
-                   f".every(t => t.visible === 'legendonly')", 'the curves to go')  # fmt: skip
+    until(
+        desktop,
+        f"document.getElementById('{number}')._fullData.filter(t => t.name === 'model')"
+        f".every(t => t.visible === 'legendonly')",
+        'the curves to go',
+    )
 
 
 @pytest.mark.slow
@@ -275,9 +285,11 @@ def test_blocks_are_escaped_and_shown_in_their_order(tmp_path):
     path = tmp_path / 'page.html'
     figure = go.Figure(go.Scatter(y=[1, 2], name='</script><b>'))
     blocks = [
-        Paragraph('<script>alert(1)</script>'), Table(('<i>', 'b'), [('1', '2')], 'c & d'), Bullets(['x'], numbered=True),
+        Paragraph('<script>alert(1)</script>'),
+        Table(('<i>', 'b'), [('1', '2')], 'c & d'),
+        Bullets(['x'], numbered=True),
         Tabs([('one', [Paragraph('first pane')]), ('two', [Grid([Plot(figure, 'last words')])])]),
-    ]  # fmt: skip
+    ]
     write_page(path, 'a < b', [Section('Part', blocks), Section('Empty', [])])
     text = path.read_text()
     body = text[text.index('<main>') : text.index('</main>')]

@@ -27,9 +27,15 @@ WRONG_NUMBERS = {
     'too large': lambda p: 2.0 * p.bounds[1] + 1.0,
     'infinite': lambda p: math.inf,
 }
-WRONG_WORDS = {'system': ['robot', 3, True], 'model': ['mass', 3.0], 'effects.active': [3, [1.0], ['nothing']],
-               'effects.paths': [3, ['/nowhere']], 'node.record': [3, True], 'node.publish_clock': ['maybe', 3],
-               'node.stamps_follow_clock': ['maybe', 3]}  # fmt: skip
+WRONG_WORDS = {
+    'system': ['robot', 3, True],
+    'model': ['mass', 3.0],
+    'effects.active': [3, [1.0], ['nothing']],
+    'effects.paths': [3, ['/nowhere']],
+    'node.record': [3, True],
+    'node.publish_clock': ['maybe', 3],
+    'node.stamps_follow_clock': ['maybe', 3],
+}
 
 
 @pytest.fixture(scope='module')
@@ -43,9 +49,11 @@ def context():
 def complaint(context, name, value):
     """What the node says of a parameter that is given at its start."""
     node = rclpy.create_node(
-        'wrong', context=context, automatically_declare_parameters_from_overrides=True,
+        'wrong',
+        context=context,
+        automatically_declare_parameters_from_overrides=True,
         parameter_overrides=[Parameter(name, value=value)],
-    )  # fmt: skip
+    )
     try:
         with pytest.raises(UserError) as told:
             configure(node)

@@ -10,8 +10,20 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-PARTS = ('config', 'examples', 'launch', 'layouts', 'resource', 'sma_sim', 'pyproject.toml', 'setup.py', 'setup.cfg',
-         'package.xml', 'README.md', 'LICENSE')  # fmt: skip
+PARTS = (
+    'config',
+    'examples',
+    'launch',
+    'layouts',
+    'resource',
+    'sma_sim',
+    'pyproject.toml',
+    'setup.py',
+    'setup.cfg',
+    'package.xml',
+    'README.md',
+    'LICENSE',
+)
 NODES = ('sma_module_sim', 'sma_model_check', 'sma_observer', 'sma_guard')
 IMPOSSIBLE = ('No matching distribution found for setuptools', 'No module named pip')
 

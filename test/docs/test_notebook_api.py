@@ -41,8 +41,14 @@ def fitted(dataset):
 def test_a_run_says_its_units(run):
     assert run['time_s'] is run.time and run['J_eq_W'].max() == 11.0
     assert {name: run.units[name] for name in ('U_x_m', 'alpha_rad', 'F_1_N', 'T_E_K', 'J_eq_W', 'x_M_1', 'R_2_ohm')} == {
-        'U_x_m': 'm', 'alpha_rad': 'rad', 'F_1_N': 'N', 'T_E_K': 'K', 'J_eq_W': 'W', 'x_M_1': '-', 'R_2_ohm': 'ohm'
-    }  # fmt: skip
+        'U_x_m': 'm',
+        'alpha_rad': 'rad',
+        'F_1_N': 'N',
+        'T_E_K': 'K',
+        'J_eq_W': 'W',
+        'x_M_1': '-',
+        'R_2_ohm': 'ohm',
+    }
     line = next(line for line in run.summary().splitlines() if line.startswith('alpha_rad'))
     assert line.split()[-1] == 'rad' and float(line.split()[3]) == pytest.approx(run['alpha_rad'].max(), rel=1e-5)
 
@@ -115,10 +121,7 @@ def test_a_saved_diagnosis_says_the_same(diagnosis, tmp_path):
 
 def test_a_file_runs_no_code_and_says_what_it_lacks(tmp_path):
     fin = own_effect('fin')
-    run = sma_sim.compare(
-        one(),
-        Config(effects=[fin(k=2e-3)]), nuisances=False,
-    )  # fmt: skip
+    run = sma_sim.compare(one(), Config(effects=[fin(k=2e-3)]), nuisances=False)
     file = run.save(tmp_path / 'own.npz')
     with pytest.raises(UserError, match=r'effect of your own, fin: give load\(\.\.\., effects='):
         sma_sim.load(file)
@@ -193,16 +196,24 @@ def test_progress_is_shown_where_it_is_seen(capsys, monkeypatch):
 
 def own_effect(name):
     return sma_sim.Effect(
-        name=name, port='wire_heat', equation='J = -k (T - T_E)', source='a fin that conducts',
+        name=name,
+        port='wire_heat',
+        equation='J = -k (T - T_E)',
+        source='a fin that conducts',
         parameters=(sma_sim.Parameter('k', 1e-3, 'W/K', (0.0, 1.0), 'conductance', neutral=0.0, realistic=(1e-4, 1e-2)),),
         kernel=lambda s, w, p: -p.k * (s.T - s.T_E),
-    )  # fmt: skip
+    )
 
 
 def pusher():
     return sma_sim.Structure(
-        name='pusher', title='pusher', coordinates=(sma_sim.Coordinate('x', 'm', 1e-3),), wires=1,
-        lengths=lambda q, p: p.L - q.x, forces=lambda q, v, p: -p.k * q.x - p.b * v.x, inertia=lambda p: p.m,
+        name='pusher',
+        title='pusher',
+        coordinates=(sma_sim.Coordinate('x', 'm', 1e-3),),
+        wires=1,
+        lengths=lambda q, p: p.L - q.x,
+        forces=lambda q, v, p: -p.k * q.x - p.b * v.x,
+        inertia=lambda p: p.m,
         parameters=(
             sma_sim.Parameter('L', 0.1, 'm', (1e-3, 1.0), 'length of the wire'),
             sma_sim.Parameter('k', 500.0, 'N/m', (1.0, 1e5), 'stiffness of the spring'),
@@ -210,7 +221,7 @@ def pusher():
             sma_sim.Parameter('m', 0.01, 'kg', (1e-6, 10.0), 'mass'),
         ),
         defaults={'wire.n': 1.0, 'wire.l0': 0.094},
-    )  # fmt: skip
+    )
 
 
 def test_a_script_from_the_page_of_the_api(tmp_path):
@@ -219,8 +230,10 @@ def test_a_script_from_the_page_of_the_api(tmp_path):
     run = sma_sim.simulate(truth, COMMAND, 10.0)
     run.plot().savefig(tmp_path / 'run.png')
     assert run.save(tmp_path / 'run.npz') and sma_sim.load(tmp_path / 'run.npz') == run
-    measured = Dataset(Recording('run', 'module', run.time, {'alpha': run['alpha_rad'], 'U_y': run['U_y_m']}, COMMAND),
-                       {'alpha': 3.5e-4, 'U_y': 1e-5})  # fmt: skip
+    measured = Dataset(
+        Recording('run', 'module', run.time, {'alpha': run['alpha_rad'], 'U_y': run['U_y_m']}, COMMAND),
+        {'alpha': 3.5e-4, 'U_y': 1e-5},
+    )
     options = FitOptions(free=['beam.E', 'wire.lambda'], kinetics='hybrid', starts=1, intervals=False)
     found = sma_sim.calibrate(measured, Config(effects='gravity'), options)
     assert found.values == pytest.approx({'beam.E': 2.2e9, 'wire.lambda': 500.0}, rel=1e-3)
@@ -279,7 +292,7 @@ SHAPES = {
     'hidden effect': (lambda: sma_sim.make_challenge(1, kinds=['gravty']), 'did you mean gravity'),
     'axis': (lambda: sma_sim.Coordinate('x', 'm', 1.0, axis='w'), 'expected an axis x, y or z'),
     'wires': (lambda: sma_sim.Structure('x', 'x', (), 0), 'expected 1 to 29 wires, got 0'),
-}  # fmt: skip
+}
 
 
 def one():

@@ -20,15 +20,25 @@ INSTALLED = {
     folder: sorted(file for pattern in patterns for file in ROOT.glob(pattern))
     for folder, patterns in PROJECT['tool']['setuptools']['data-files'].items()
 }
-PYTHON = {'yaml': 'python3-yaml', 'numpy': 'python3-numpy', 'scipy': 'python3-scipy', 'numba': 'python3-numba',
-          'matplotlib': 'python3-matplotlib'}  # fmt: skip
+PYTHON = {
+    'yaml': 'python3-yaml',
+    'numpy': 'python3-numpy',
+    'scipy': 'python3-scipy',
+    'numba': 'python3-numba',
+    'matplotlib': 'python3-matplotlib',
+}
 
 
 def test_public_names_have_the_types_that_checkers_see():
     """What is imported when asked for is what `if TYPE_CHECKING` says."""
     tree = ast.parse(Path(sma_sim.__file__).read_text())
-    seen = {(alias.name, node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)
-            for alias in node.names if node.module.startswith('sma_sim.')}  # fmt: skip
+    seen = {
+        (alias.name, node.module)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+        if node.module.startswith('sma_sim.')
+    }
     assert seen == {(name, f'sma_sim.{home}') for home, names in sma_sim._EXPORTS.items() for name in names}
     assert {getattr(sma_sim, name).__name__ for name in sma_sim.__all__} == set(sma_sim.__all__)
     with pytest.raises(AttributeError, match="module 'sma_sim' has no attribute 'simulat'"):
@@ -108,15 +118,40 @@ def test_one_version_and_everything_imported_is_declared():
 # Keys of https://github.com/ros/rosdistro, rosdep/base.yaml and python.yaml, looked up on 2026-11-22 for Ubuntu noble, on
 # which Jazzy and Kilted are. There are none for plotly, threadpoolctl, distributed, and none that is called python3-mcap.
 ROSDEP_KEYS = {
-    'python3-numpy', 'python3-scipy', 'python3-yaml', 'python3-matplotlib', 'python3-numba', 'python3-rosbags-pip',
-    'mcap-ros2-support', 'python3-hypothesis', 'python3-pytest', 'python3-pytest-xdist', 'python3-selenium',
-    'python3-jinja2', 'python3-setuptools',
-}  # fmt: skip
+    'python3-numpy',
+    'python3-scipy',
+    'python3-yaml',
+    'python3-matplotlib',
+    'python3-numba',
+    'python3-rosbags-pip',
+    'mcap-ros2-support',
+    'python3-hypothesis',
+    'python3-pytest',
+    'python3-pytest-xdist',
+    'python3-selenium',
+    'python3-jinja2',
+    'python3-setuptools',
+}
 ROS_PACKAGES = {  # released in both
-    'rclpy', 'rcl_interfaces', 'builtin_interfaces', 'std_msgs', 'sensor_msgs', 'std_srvs', 'diagnostic_msgs',
-    'visualization_msgs', 'geometry_msgs', 'rosgraph_msgs', 'trajectory_msgs',
-    'tf2_msgs', 'control_msgs', 'simulation_interfaces', 'launch', 'launch_ros', 'ros2launch', 'ament_index_python',
-}  # fmt: skip
+    'rclpy',
+    'rcl_interfaces',
+    'builtin_interfaces',
+    'std_msgs',
+    'sensor_msgs',
+    'std_srvs',
+    'diagnostic_msgs',
+    'visualization_msgs',
+    'geometry_msgs',
+    'rosgraph_msgs',
+    'trajectory_msgs',
+    'tf2_msgs',
+    'control_msgs',
+    'simulation_interfaces',
+    'launch',
+    'launch_ros',
+    'ros2launch',
+    'ament_index_python',
+}
 
 
 def test_rosdep_knows_every_key():

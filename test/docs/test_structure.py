@@ -89,9 +89,7 @@ def test_a_threshold_without_a_reason_is_found():
         'NEAR = 0.3\nFAR = 3.0  # as far as that\nFITS: tuple[float, ...] = (1.0,)\nMOST = 4\n"""It bounds the time."""\n'
         'def choose(error, limit=1.1):\n    return error < 0.7 * limit + 0.5'
     )
-    assert list(thresholds_in(source)) == [
-        'NEAR = 0.3', 'FITS: tuple[float, ...] = (1.0,)', 'choose: 1.1', 'choose: 0.7',
-    ]  # fmt: skip
+    assert list(thresholds_in(source)) == ['NEAR = 0.3', 'FITS: tuple[float, ...] = (1.0,)', 'choose: 1.1', 'choose: 0.7']
 
 
 def test_every_threshold_has_its_reason():

@@ -14,10 +14,14 @@ from sma_sim.model.structures.discovery import known_structures
 from sma_sim.workflow.data_request import DataRequest
 
 FOREIGN = {  # of the columns of a module: name, scale and offset to ours
-    'time_s': ('t [ms]', 1e-3, 0.0), 'J_eq_W': ('power_mW', 1e-3, 0.0), 'T_E_K': ('room_C', 1.0, 273.15),
-    'U_x_m': ('Ux (mm)', 1e-3, 0.0), 'U_y_m': ('Uy (mm)', 1e-3, 0.0), 'alpha_rad': ('angle_deg', np.pi / 180.0, 0.0),
+    'time_s': ('t [ms]', 1e-3, 0.0),
+    'J_eq_W': ('power_mW', 1e-3, 0.0),
+    'T_E_K': ('room_C', 1.0, 273.15),
+    'U_x_m': ('Ux (mm)', 1e-3, 0.0),
+    'U_y_m': ('Uy (mm)', 1e-3, 0.0),
+    'alpha_rad': ('angle_deg', np.pi / 180.0, 0.0),
     'F_1_N': ('pull_1', 1.0, 0.0),
-}  # fmt: skip
+}
 
 
 @pytest.fixture(scope='module')
@@ -36,14 +40,20 @@ def case(tmp_path_factory):
 @pytest.mark.parametrize(
     ('ours', 'header', 'column', 'unit'),
     [
-        ('time_s', ['T1_degC', 't_ms'], 't_ms', 'ms'), ('T_1_K', ['t', 'T2 [°C]', 'T1 [°C]'], 'T1 [°C]', 'C'),
-        ('J_W', ['power'], 'power', 'W'), ('J_eq_W', ['heating power [W]'], 'heating power [W]', 'W'),
+        ('time_s', ['T1_degC', 't_ms'], 't_ms', 'ms'),
+        ('T_1_K', ['t', 'T2 [°C]', 'T1 [°C]'], 'T1 [°C]', 'C'),
+        ('J_W', ['power'], 'power', 'W'),
+        ('J_eq_W', ['heating power [W]'], 'heating power [W]', 'W'),
         ('J_2_W', ['power_1', 'power_2'], 'power_2', 'W'),
-        ('strain', ['strain_percent'], 'strain_percent', '%'), ('F_2_N', ['force 1', 'force 2'], 'force 2', 'N'),
-        ('position_m', ['position [mm]', 'position_m'], 'position_m', 'm'), ('T_K', ['T_ambient_C', 'T_C'], 'T_C', 'C'),
-        ('alpha_rad', ['force_N', 'torque'], '', 'rad'), ('time_s', ['time_N'], '', 's'), ('time_s', [], '', 's'),
+        ('strain', ['strain_percent'], 'strain_percent', '%'),
+        ('F_2_N', ['force 1', 'force 2'], 'force 2', 'N'),
+        ('position_m', ['position [mm]', 'position_m'], 'position_m', 'm'),
+        ('T_K', ['T_ambient_C', 'T_C'], 'T_C', 'C'),
+        ('alpha_rad', ['force_N', 'torque'], '', 'rad'),
+        ('time_s', ['time_N'], '', 's'),
+        ('time_s', [], '', 's'),
     ],
-)  # fmt: skip
+)
 def test_what_is_most_likely_is_proposed(ours, header, column, unit):
     assert guess(ours, header) == {'column': column, 'unit': unit, 'factor': 1.0}
 

@@ -34,9 +34,24 @@ def server(tmp_path_factory):
 
 @pytest.mark.parametrize(
     'name',
-    ['../evil.csv', '/etc/x.csv', '.hidden.csv', 'a/../b.csv', 'a//b.csv', 'a/b/c/d.csv', 'run.py', 'a/own.py',
-     'x' * 200 + '.csv', 'a\0.csv', 'a\n.csv', '-o.csv', 'C:\\x.csv', '', 3],
-)  # fmt: skip
+    [
+        '../evil.csv',
+        '/etc/x.csv',
+        '.hidden.csv',
+        'a/../b.csv',
+        'a//b.csv',
+        'a/b/c/d.csv',
+        'run.py',
+        'a/own.py',
+        'x' * 200 + '.csv',
+        'a\0.csv',
+        'a\n.csv',
+        '-o.csv',
+        'C:\\x.csv',
+        '',
+        3,
+    ],
+)
 def test_names_of_files_lead_nowhere_else(server, name):
     before, known = ask(server)[1], list(server.application.session.folder.rglob('*'))
     assert len(refused(server, 'upload', batch=None, name=name, at=0, data=b64encode(TEXT.encode()).decode())) > 10

@@ -71,7 +71,7 @@ def test_what_the_page_sends_is_answered(server):
         ({'Content_Length': '-1'}, 411),
         ({'Content_Length': None, 'Transfer_Encoding': 'chunked'}, 411),
     ],
-)  # fmt: skip
+)
 def test_what_others_send_is_refused(server, headers, status):
     assert ask(server, '/api/undo', **headers)[0] == status
 
@@ -97,10 +97,16 @@ def test_the_page_cannot_be_framed_or_load_from_elsewhere(server):
 @pytest.mark.parametrize(
     'path',
     [
-        '/assets/../server.py', '/assets/..%2fserver.py', '/assets//etc/passwd', '/download/../history.json?version=1',
-        '/download//etc/passwd?version=1', '/download/run.csv?version=../1', '/session.yaml', '//etc/passwd',
+        '/assets/../server.py',
+        '/assets/..%2fserver.py',
+        '/assets//etc/passwd',
+        '/download/../history.json?version=1',
+        '/download//etc/passwd?version=1',
+        '/download/run.csv?version=../1',
+        '/session.yaml',
+        '//etc/passwd',
     ],
-)  # fmt: skip
+)
 def test_no_other_file_is_read(server, path):
     assert ask(server, path, 'GET')[0] in (400, 403, 404)
 
@@ -126,14 +132,24 @@ def test_what_is_not_json_is_refused(server, body):
 
 
 WRONG = [
-    ('change', {'values': {'wire.E_A': -1.0}}), ('change', {'values': {'wire.E_A': '__import__("os")'}}),
-    ('change', {'values': {'wire.E_A': True}}), ('change', {'values': []}), ('change', {'effects': 'gravity'}),
-    ('change', {'effects': ['gravity', 'gravity']}), ('change', {'values': {'nothing.E': 1.0}}),
-    ('change', {'values': {'wire.E_A': 1e10}, 'expected': 99}), ('go_to', {'number': 99}), ('go_to', {'number': '1'}),
-    ('rename', {'number': 1, 'name': 'x' * 1000}), ('curves', {'window': [1]}), ('curves', {'window': [2, 1]}),
-    ('curves', {'beside': 99}), ('curves', {'pixels': 'many'}), ('command', {'command': {'kind': 'shell'}}),
+    ('change', {'values': {'wire.E_A': -1.0}}),
+    ('change', {'values': {'wire.E_A': '__import__("os")'}}),
+    ('change', {'values': {'wire.E_A': True}}),
+    ('change', {'values': []}),
+    ('change', {'effects': 'gravity'}),
+    ('change', {'effects': ['gravity', 'gravity']}),
+    ('change', {'values': {'nothing.E': 1.0}}),
+    ('change', {'values': {'wire.E_A': 1e10}, 'expected': 99}),
+    ('go_to', {'number': 99}),
+    ('go_to', {'number': '1'}),
+    ('rename', {'number': 1, 'name': 'x' * 1000}),
+    ('curves', {'window': [1]}),
+    ('curves', {'window': [2, 1]}),
+    ('curves', {'beside': 99}),
+    ('curves', {'pixels': 'many'}),
+    ('command', {'command': {'kind': 'shell'}}),
     ('differences', {'before': 1}),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(('name', 'body'), WRONG)
@@ -382,9 +398,13 @@ def test_by_keyboard_alone_and_in_dark(browser, tmp_path):
 def start(folder, *words):
     environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
     return subprocess.Popen(
-        [sys.executable, '-m', 'sma_sim.cli.main', 'explore', '--no-browser', *words], cwd=folder, env=environment,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        [sys.executable, '-m', 'sma_sim.cli.main', 'explore', '--no-browser', *words],
+        cwd=folder,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
 
 
 def test_the_command_serves_until_ctrl_c(tmp_path):
@@ -407,9 +427,13 @@ def test_a_port_that_is_taken_is_said(tmp_path):
 
 
 WRONG_WORDS = [
-    ('--port', '70000'), ('--port', '-1'), ('--system', 'nothing'), ('--set', 'wire.E_A=-1'), ('nothing.csv',),
+    ('--port', '70000'),
+    ('--port', '-1'),
+    ('--system', 'nothing'),
+    ('--set', 'wire.E_A=-1'),
+    ('nothing.csv',),
     ('--hold-out', 'run1'),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize('words', WRONG_WORDS)

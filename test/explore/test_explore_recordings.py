@@ -193,8 +193,10 @@ def region(browser):
     for kind in ('pointerdown', 'pointerup'):
         browser.execute_script(
             'arguments[0].dispatchEvent(new PointerEvent(arguments[1], '
-            '{clientX: arguments[0].getBoundingClientRect().x + 200, bubbles: true}))', canvas, kind,
-        )  # fmt: skip
+            '{clientX: arguments[0].getBoundingClientRect().x + 200, bubbles: true}))',
+            canvas,
+            kind,
+        )
     until(browser, 'return document.querySelectorAll("#region table").length === 2')
     browser.execute_script(CHOOSE, 'drawn', 'curves')
     return browser.find_element('id', 'region').text
@@ -287,16 +289,30 @@ def test_every_structure_beside_recordings_has_the_errors_of_the_command(system,
 
 
 WRONG = [
-    ('start', {'stage': 'shell'}), ('start', {'stage': 'check', 'options': []}),
-    ('start', {'stage': 'check', 'options': {'x': 1}}), ('start', {'stage': 'calibrate', 'options': {'starts': 0}}),
-    ('job', {'number': 99}), ('job', {'number': '../1'}), ('job', {'number': 1, 'since': 'x'}),
-    ('overlay', {'beside': 99}), ('overlay', {'window': [2, 1]}), ('overlay', {'curves': ['x']}),
+    ('start', {'stage': 'shell'}),
+    ('start', {'stage': 'check', 'options': []}),
+    ('start', {'stage': 'check', 'options': {'x': 1}}),
+    ('start', {'stage': 'calibrate', 'options': {'starts': 0}}),
+    ('job', {'number': 99}),
+    ('job', {'number': '../1'}),
+    ('job', {'number': 1, 'since': 'x'}),
+    ('overlay', {'beside': 99}),
+    ('overlay', {'window': [2, 1]}),
+    ('overlay', {'curves': ['x']}),
     ('accept', {'number': 99}),
-    ('part', {'run': 'run1', 'channel': 'alpha', 't0': 0}), ('part', {'run': 'x', 'channel': 'alpha', 't0': 0, 't1': 1}),
-    ('recordings', {'batch': 99}), ('recordings', {'batch': '1'}), ('recordings', {'hold_out': ['nothing']}),
-    ('recordings', {'hold_out': 'run1'}), ('recordings', {'recorded': True}), ('record', {'on': True}), ('record', {}),
-    ('live_start', {'namespace': '-p x:=1'}), ('live_start', {'domain': 1.5}), ('live_start', {'domain': 999}),
-]  # fmt: skip
+    ('part', {'run': 'run1', 'channel': 'alpha', 't0': 0}),
+    ('part', {'run': 'x', 'channel': 'alpha', 't0': 0, 't1': 1}),
+    ('recordings', {'batch': 99}),
+    ('recordings', {'batch': '1'}),
+    ('recordings', {'hold_out': ['nothing']}),
+    ('recordings', {'hold_out': 'run1'}),
+    ('recordings', {'recorded': True}),
+    ('record', {'on': True}),
+    ('record', {}),
+    ('live_start', {'namespace': '-p x:=1'}),
+    ('live_start', {'domain': 1.5}),
+    ('live_start', {'domain': 999}),
+]
 
 
 def test_wrong_requests_change_nothing_and_say_why(server):
@@ -309,8 +325,16 @@ def test_wrong_requests_change_nothing_and_say_why(server):
 
 @pytest.mark.parametrize(
     'path',
-    ['report.html?job=../1', 'report.html?job=99', 'log.txt?job=1', '../request.json?job=1', 'owner.json?export=1',
-     'parameters.yaml?export=../..', 'parameters.yaml', 'report.html?job=%C2%B2'],
-)  # fmt: skip
+    [
+        'report.html?job=../1',
+        'report.html?job=99',
+        'log.txt?job=1',
+        '../request.json?job=1',
+        'owner.json?export=1',
+        'parameters.yaml?export=../..',
+        'parameters.yaml',
+        'report.html?job=%C2%B2',
+    ],
+)
 def test_no_other_file_is_downloaded(server, path):
     assert ask(server, f'/download/{path}', 'GET')[0] in (400, 404)

@@ -87,11 +87,15 @@ def test_a_preview_writes_nothing_and_is_checked(folder):
         assert session.preview({'beam.E': 2.2e9}, ['gravity']).effects[0].found.effect.name == 'gravity'
         assert session.revision == revision and len(list((folder / 'versions').iterdir())) == 1
         for values, effects, words in (
-            ({'beam.E': -1.0}, None, 'beam.E = -1 Pa'), ({'beam.X': 1.0}, None, 'unknown parameter beam.X'),
-            ({'beam.E': float('nan')}, None, 'expected'), ({}, ['gravitation'], 'unknown effect gravitation'),
-            ({'model': 'x'}, None, 'hybrid, mas'), ({}, ['gravity', 'gravity'], 'twice'), ({'beam.E': [1]}, None, 'number'),
+            ({'beam.E': -1.0}, None, 'beam.E = -1 Pa'),
+            ({'beam.X': 1.0}, None, 'unknown parameter beam.X'),
+            ({'beam.E': float('nan')}, None, 'expected'),
+            ({}, ['gravitation'], 'unknown effect gravitation'),
+            ({'model': 'x'}, None, 'hybrid, mas'),
+            ({}, ['gravity', 'gravity'], 'twice'),
+            ({'beam.E': [1]}, None, 'number'),
             ({}, [3], 'list of names'),
-        ):  # fmt: skip
+        ):
             with pytest.raises(UserError, match=words):
                 session.change(values, effects)
         assert session.revision == revision
@@ -127,9 +131,10 @@ def test_a_version_is_made_of_the_one_that_was_seen(folder):
     with open_session(folder) as session:
         session.change({'beam.E': 2.2e9}, expected=1)
         for stale in (
-            lambda: session.change({'beam.E': 2.3e9}, expected=1), lambda: session.undo(expected=1),
+            lambda: session.change({'beam.E': 2.3e9}, expected=1),
+            lambda: session.undo(expected=1),
             lambda: session.go_to(1, expected=1),
-        ):  # fmt: skip
+        ):
             with pytest.raises(ConflictError, match='gone to version 2'):
                 stale()
         assert session.current.number == 2
@@ -246,19 +251,26 @@ def test_python_files_that_only_a_session_names_are_not_run(tmp_path, place):
 @pytest.mark.parametrize(
     ('name', 'text', 'words'),
     [
-        ('history.json', '', 'history.json is broken'), ('history.json', '[]', 'format 1'),
-        ('history.json', '{"format": 2}', 'format 1'), ('history.json', '{"format": 1, "versions": []}', 'list of versions'),
-        ('history.json', '{"format": 1, "versions": [3]}', 'no version'), ('history.json', '[' * 99999, 'broken'),
-        ('history.json', '\x00', 'broken'), ('session.yaml', '', 'expected a mapping'),
-        ('session.yaml', 'a: [', 'not YAML'), ('session.yaml', 'recordings: 3', 'expected a mapping with data'),
+        ('history.json', '', 'history.json is broken'),
+        ('history.json', '[]', 'format 1'),
+        ('history.json', '{"format": 2}', 'format 1'),
+        ('history.json', '{"format": 1, "versions": []}', 'list of versions'),
+        ('history.json', '{"format": 1, "versions": [3]}', 'no version'),
+        ('history.json', '[' * 99999, 'broken'),
+        ('history.json', '\x00', 'broken'),
+        ('session.yaml', '', 'expected a mapping'),
+        ('session.yaml', 'a: [', 'not YAML'),
+        ('session.yaml', 'recordings: 3', 'expected a mapping with data'),
         ('session.yaml', 'recordings: {data: 3}', 'expected a list of files'),
         ('session.yaml', 'recordings: {data: []}', 'expected a list of files'),
         ('session.yaml', 'recordings: {data: [a], noise: [1]}', 'standard deviations'),
         ('session.yaml', 'recordings: {data: [a], map: 3}', 'expected a text'),
-        ('versions/0001.yaml', 'beam: {E: -1}', '0001.yaml'), ('versions/0001.yaml', 'a: [', '0001.yaml is not YAML'),
-        ('versions/0001.yaml', None, 'cannot read'), ('session.yaml', None, 'cannot read'),
+        ('versions/0001.yaml', 'beam: {E: -1}', '0001.yaml'),
+        ('versions/0001.yaml', 'a: [', '0001.yaml is not YAML'),
+        ('versions/0001.yaml', None, 'cannot read'),
+        ('session.yaml', None, 'cannot read'),
     ],
-)  # fmt: skip
+)
 def test_broken_files(folder, name, text, words):
     open_session(folder).close()
     (folder / name).unlink() if text is None else (folder / name).write_text(text)

@@ -171,11 +171,18 @@ def test_the_order(case, tmp_path):
 
 @pytest.mark.parametrize(
     ('options', 'words'),
-    [({'speed': 1}, 'no option speed'), ({'model': 'x'}, 'hybrid, mas, auto'), ({'starts': 0}, '1 to 100'),
-     ({'starts': True}, 'whole number'), ({'seed': 1.5}, 'whole number'), ({'robust': 'yes'}, 'true or false'),
-     ({'free': 'beam.E'}, 'list of names'), ({'limits': 'delay=0:1'}, 'list of NAME=LOW:HIGH'),
-     ({'limits': ['delay']}, 'such as delay=-2:5')],
-)  # fmt: skip
+    [
+        ({'speed': 1}, 'no option speed'),
+        ({'model': 'x'}, 'hybrid, mas, auto'),
+        ({'starts': 0}, '1 to 100'),
+        ({'starts': True}, 'whole number'),
+        ({'seed': 1.5}, 'whole number'),
+        ({'robust': 'yes'}, 'true or false'),
+        ({'free': 'beam.E'}, 'list of names'),
+        ({'limits': 'delay=0:1'}, 'list of NAME=LOW:HIGH'),
+        ({'limits': ['delay']}, 'such as delay=-2:5'),
+    ],
+)
 def test_wrong_options(engine, options, words):
     with pytest.raises(UserError, match=words):
         engine.start('calibrate', **options)
@@ -188,7 +195,7 @@ def test_limits_are_those_of_the_command(engine):
     assert found['parameters']['beam.E']['value'] == pytest.approx(2.2e9)
     assert [(limit['name'], limit['low'], limit['high']) for limit in found['limits']] == [
         ('beam.E', pytest.approx(2.2e9), pytest.approx(3e9))
-    ]  # fmt: skip
+    ]
     assert job.command_options()[-2:] == ['--limit', 'beam.E=2.2e9:3e9']
     assert "limits={'beam.E': (2200000000.0, 3000000000.0)}" in diagnosis_lines({'limits': ['beam.E=2.2e9:3e9']})[0]
 
@@ -331,9 +338,11 @@ def test_candidates_stay_within_what_is_realistic(engine, candidates, case):
     config = engine.session.config(1)
     fitted, _ = request.split(request.read(config))
     pulled = replace(  # as if something pulled sixty times as hard as gravity
-        fitted, recordings=tuple(replace(one, channels={**one.channels, 'U_y': one.channels['U_y'] - 60 * 2.5e-4})
-                                 for one in fitted.recordings),
-    )  # fmt: skip
+        fitted,
+        recordings=tuple(
+            replace(one, channels={**one.channels, 'U_y': one.channels['U_y'] - 60 * 2.5e-4}) for one in fitted.recordings
+        ),
+    )
     with executor_or_threads(None) as executor:
         found = candidate_effects(pulled, config, [], executor, (lambda _: None, lambda _: None), ['gravity', 'radiation'])
     assert {effect.name for effect in found.effects} >= {'gravity'}
@@ -364,26 +373,43 @@ def test_a_part_of_a_residual(engine, candidates):
     cosines = {entry['effect']: entry['cosine'] for entry in part['effects']}
     assert cosines['gravity'] > 0.8 and best['cosine'] == max(cosines.values())
     for where, times, words in (
-        (('run9', 'alpha'), (0.0, 9.0), 'no run run9'), (('run1', 'T_9'), (0.0, 9.0), 'no channel T_9'),
-        (('run1', 'alpha'), (3.0, 3.1), 'expected 5 or more'), (('run1', 'alpha'), (99.0, 199.0), '0 samples'),
-    ):  # fmt: skip
+        (('run9', 'alpha'), (0.0, 9.0), 'no run run9'),
+        (('run1', 'T_9'), (0.0, 9.0), 'no channel T_9'),
+        (('run1', 'alpha'), (3.0, 3.1), 'expected 5 or more'),
+        (('run1', 'alpha'), (99.0, 199.0), '0 samples'),
+    ):
         with pytest.raises(UserError, match=words):
             engine.part_of_residual(where, times)
 
 
 HEADER, *LINES = TEXT.splitlines()
 BROKEN = {
-    'empty': '', 'no rows': HEADER + '\n', 'no names': '\n'.join(LINES), 'no command': TEXT.replace('J_eq_W', 'power'),
-    'semicolons': TEXT.replace(',', ';'), 'tabs': TEXT.replace(',', '\t'), 'no time': TEXT.replace('time_s', 'clock'),
+    'empty': '',
+    'no rows': HEADER + '\n',
+    'no names': '\n'.join(LINES),
+    'no command': TEXT.replace('J_eq_W', 'power'),
+    'semicolons': TEXT.replace(',', ';'),
+    'tabs': TEXT.replace(',', '\t'),
+    'no time': TEXT.replace('time_s', 'clock'),
     'nothing measured': '\n'.join(','.join(line.split(',')[:3]) for line in [HEADER, *LINES]),
-    'binary': b'\x89PNG\r\n\x1a\n' + bytes(range(256)) * 9, 'UTF-16': TEXT.encode('utf-16'), 'cut': TEXT[: len(TEXT) // 2],
-    'zeros': b'\0' * 4000, 'a column twice': TEXT.replace('F_1_N', 'alpha_rad'), 'degrees': with_cell(9, 'alpha_rad', '400'),
-    'words': with_cell(3, 'alpha_rad', 'high'), 'infinite': with_cell(3, 'alpha_rad', 'inf'),
-    'comma decimals': with_cell(3, 'alpha_rad', '0,1'), 'celsius': with_cell(3, 'T_E_K', '25'),
-    'backwards': '\n'.join([HEADER, *LINES[::-1], '']), 'same time': '\n'.join([HEADER, *[LINES[0]] * 40, '']),
-    'quotes': '"' + TEXT, 'one row': '\n'.join([HEADER, LINES[0], '']), 'a page': '<html><body>404</body></html>',
-    'a missing command': with_cell(3, 'J_eq_W', ''), 'huge': with_cell(3, 'J_eq_W', '1e300'),
-}  # fmt: skip
+    'binary': b'\x89PNG\r\n\x1a\n' + bytes(range(256)) * 9,
+    'UTF-16': TEXT.encode('utf-16'),
+    'cut': TEXT[: len(TEXT) // 2],
+    'zeros': b'\0' * 4000,
+    'a column twice': TEXT.replace('F_1_N', 'alpha_rad'),
+    'degrees': with_cell(9, 'alpha_rad', '400'),
+    'words': with_cell(3, 'alpha_rad', 'high'),
+    'infinite': with_cell(3, 'alpha_rad', 'inf'),
+    'comma decimals': with_cell(3, 'alpha_rad', '0,1'),
+    'celsius': with_cell(3, 'T_E_K', '25'),
+    'backwards': '\n'.join([HEADER, *LINES[::-1], '']),
+    'same time': '\n'.join([HEADER, *[LINES[0]] * 40, '']),
+    'quotes': '"' + TEXT,
+    'one row': '\n'.join([HEADER, LINES[0], '']),
+    'a page': '<html><body>404</body></html>',
+    'a missing command': with_cell(3, 'J_eq_W', ''),
+    'huge': with_cell(3, 'J_eq_W', '1e300'),
+}
 
 
 @pytest.mark.parametrize('kind', BROKEN)

@@ -13,8 +13,16 @@ from sma_sim.evidence.estimation.transformation_temperatures import isobaric_tes
 from sma_sim.model.material import latent_heat
 
 EXAMPLE = Path(__file__).resolve().parents[2] / 'examples' / 'real' / 'isobaric'
-ALLOY = ['wire.E_A=6e10', 'wire.E_M=4e10', 'wire.eps_T=0.04', 'wire.sigma_T=6e6', 'wire.T0=420', 'wire.sigma_MW0=1e8',
-         'wire.dsigma=1.2e8', 'wire.n=1']  # fmt: skip
+ALLOY = [
+    'wire.E_A=6e10',
+    'wire.E_M=4e10',
+    'wire.eps_T=0.04',
+    'wire.sigma_T=6e6',
+    'wire.T0=420',
+    'wire.sigma_MW0=1e8',
+    'wire.dsigma=1.2e8',
+    'wire.n=1',
+]
 SMOOTH = 'smooth_transformation:width_A=1e8,width_M=1.5e8,start_A=2,end_A=3,start_M=4,end_M=5'
 ORIENTED = 'stress_dependent_transformation_strain:deficit=0.8,k=1e8,sigma_crit=2e7'
 
@@ -192,7 +200,7 @@ def test_a_fit_and_a_diagnosis_start_from_the_curves_without_being_told(monkeypa
     found = calibrate(dataset, config, options).config.parameters
     assert {name: found[name] for name in ('wire.T0', 'wire.sigma_T', 'wire.E_A')} == {
         name: expected[name] for name in ('wire.T0', 'wire.sigma_T', 'wire.E_A')
-    }  # fmt: skip
+    }
     asked = []
 
     def caught(data, start, *rest):

@@ -116,8 +116,12 @@ def test_work_is_what_the_heat_and_the_phase_change_give():
     """Of a whole cycle the wire keeps nothing: electrical work less heat to the air is what damping takes, here nothing."""
     model = coil_model(**WEIGHT, **{'solver.rtol': 1e-8, 'coil.b': 0.02})
     times = np.array([0.0, 1.0, 11.0, 60.0])
-    command = Input(times, np.array([[0.0, 298.0], [4.0, 298.0], [0.0, 298.0], [0.0, 298.0]]), (False, False),
-                    model.structure.input_columns)  # fmt: skip
+    command = Input(
+        times,
+        np.array([[0.0, 298.0], [4.0, 298.0], [0.0, 298.0], [0.0, 298.0]]),
+        (False, False),
+        model.structure.input_columns,
+    )
     run = simulate(model, command, np.arange(0.0, 60.0, 1e-3))
     w, t = model.wire, run.time
     lost = np.trapezoid(w.lambda_ * w.surface * (run['T_K'] - 298.0), t)

@@ -109,10 +109,15 @@ def test_the_wire_of_a_test_bench_is_drawn_as_long_as_it_is():
 
 def test_joints_have_limits_and_the_axes_that_are_told():
     told = Structure(
-        'crane', 'crane', (Coordinate('turn', 'rad', 0.1, axis='x', limit=0.3), Coordinate('lift', 'm', 0.01, axis='z')), 1,
-        lengths=lambda q, p: 0.1 - q.lift, forces=lambda q, v, p: (-q.turn, -q.lift), inertia=lambda p: (1.0, 1.0),
+        'crane',
+        'crane',
+        (Coordinate('turn', 'rad', 0.1, axis='x', limit=0.3), Coordinate('lift', 'm', 0.01, axis='z')),
+        1,
+        lengths=lambda q, p: 0.1 - q.lift,
+        forces=lambda q, v, p: (-q.turn, -q.lift),
+        inertia=lambda p: (1.0, 1.0),
         drawing=Drawing(lambda q, p: [((0.0, 0.0, 0.1), (0.0, 0.0, q.lift))]),
-    )  # fmt: skip
+    )
     turn, lift = (joint.motion for joint in Sketch(told, told.default_values).tree.joints[:2])
     assert (turn.axis, turn.upper, turn.revolute) == ((1.0, 0.0, 0.0), 0.3, True)
     assert (lift.axis, lift.upper, lift.revolute) == ((0.0, 0.0, 1.0), 0.1, False)

@@ -144,7 +144,7 @@ EQUATIONS = {  # of state s, parameters p and memory m
     'thermal_expansion': lambda s, p, m: p.a * (s.T - p.T_ref),
     'thermometer_lag': lambda s, p, m: m['shown'],
     'transformation_plasticity': lambda s, p, m: m['e'],
-}  # fmt: skip
+}
 RATES = {
     'ambient_heating': lambda s, p, m: (p.R * 10.0 * 450.0 * A_S * (s.T - s.T_E - m['Theta']) - m['Theta']) / p.tau,
     'beam_creep': lambda s, p, m: (np.array([s.U_x, s.U_y, s.alpha]) - m['z']) / p.tau,
@@ -278,9 +278,14 @@ def test_fields_of_the_state_are_where_the_flow_writes_them():
 def test_a_wire_sees_the_other_ones_fraction():
     """Without a command, heat in proportion to the other wire's fraction warms a resting wire: rho c V dT/dt = Q."""
     effect = Effect(
-        name='glow', port='wire_heat', equation='Q = 0.02 W x_other', source='', parameters=(), systems=('module',),
+        name='glow',
+        port='wire_heat',
+        equation='Q = 0.02 W x_other',
+        source='',
+        parameters=(),
+        systems=('module',),
         kernel=lambda s, w, p: 0.02 * s.x_other,
-    )  # fmt: skip
+    )
     found = {'glow': FoundEffect(effect, (), ('sma_sim.', 'test_effect_equations'))}
     for resting, other in ((2, 1), (1, 2)):  # the other one starts as martensite and transforms at once, with latent heat
         start = {f'initial__x_M_{other}': 1.0, f'initial__x_M_{resting}': 0.0, 'wire__lambda': 1.0}

@@ -196,9 +196,12 @@ def test_a_specimen_with_a_gradient_transforms_over_its_kelvins_both_ways():
 def test_rate_does_not_matter_where_stress_and_temperature_are_imposed(rate):
     """Isobaric tests a hundred times faster or slower: the same strain over temperature, memory and peaks included."""
     effects = [
-        'smooth_transformation:width_A=1e8,width_M=1.5e8', 'stress_dependent_transformation_strain',
-        'transformation_plasticity:c=1e-11', 'r_phase_strain:T_R=400', 'nucleation_peak:peak_A=1e7',
-    ]  # fmt: skip
+        'smooth_transformation:width_A=1e8,width_M=1.5e8',
+        'stress_dependent_transformation_strain',
+        'transformation_plasticity:c=1e-11',
+        'r_phase_strain:T_R=400',
+        'nucleation_peak:peak_A=1e7',
+    ]
     model = bench('stress', 'prescribed', effects=effects)
     T, expected = isobar(model, 1e8)
     times = np.linspace(0.0, 4000.0 / rate, len(T))

@@ -176,8 +176,9 @@ def test_load_cell_of_the_wire():
     source = Input(np.array([0.0, 5.0]), np.array([[0.0, 0.1, 298.0], [0.05, 0.1, 298.0]]), (True, False, False))
     times = np.linspace(0.0, 5.0, 50)
     truth = simulate(make_model('wire'), source, times)
-    shown = simulate(make_model('wire', effects=[active('sensor_bias', stress=3e6), active('sensor_gain', stress=0.9)]),
-                     source, times)  # fmt: skip
+    shown = simulate(
+        make_model('wire', effects=[active('sensor_bias', stress=3e6), active('sensor_gain', stress=0.9)]), source, times
+    )
     assert shown['stress_Pa'] == pytest.approx(0.9 * truth['stress_Pa'] + 3e6, rel=1e-12)
     assert (shown['T_K'] == truth['T_K']).all()
 

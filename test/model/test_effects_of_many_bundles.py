@@ -50,8 +50,10 @@ def test_length_of_each_bundle():
     assert strain == pytest.approx([0.002, -0.002, -0.001], abs=1e-15)
 
 
-@pytest.mark.parametrize(('name', 'parameter', 'value'), [
-    ('power_gain_mismatch', 'ratio', 1.3), ('pretension_mismatch', 'delta', 0.006), ('gravity', 'g_y', -5.0)])  # fmt: skip
+@pytest.mark.parametrize(
+    ('name', 'parameter', 'value'),
+    [('power_gain_mismatch', 'ratio', 1.3), ('pretension_mismatch', 'delta', 0.006), ('gravity', 'g_y', -5.0)],
+)
 def test_parameters_of_two_bundles_and_a_plane_mean_what_they_did(name, parameter, value):
     """By name in a file, and as an effect that is declared for the module."""
     by_name = spatial(f'{name}:{parameter}={value}')
@@ -61,12 +63,17 @@ def test_parameters_of_two_bundles_and_a_plane_mean_what_they_did(name, paramete
     for first, second in zip(findings(by_name), findings(declared), strict=True):
         assert (first == second).all()
     assert [p.name for p in find_effects()[name].effect.parameters] == {
-        'power_gain_mismatch': ['ratio'], 'pretension_mismatch': ['delta'], 'gravity': ['g_y', 'g_x']}[name]  # fmt: skip
+        'power_gain_mismatch': ['ratio'],
+        'pretension_mismatch': ['delta'],
+        'gravity': ['g_y', 'g_x'],
+    }[name]
 
 
 def test_gravity_has_every_direction_of_the_frame():
-    names = {system: [p.name for p in find_effects()['gravity'].on(MOVING[system].structure).effect.parameters]
-             for system in ('module', 'spatial', 'stack')}  # fmt: skip
+    names = {
+        system: [p.name for p in find_effects()['gravity'].on(MOVING[system].structure).effect.parameters]
+        for system in ('module', 'spatial', 'stack')
+    }
     assert names == {'module': ['g_y', 'g_x'], 'spatial': ['g_y', 'g_x', 'g_z'], 'stack': ['g_y', 'g_x']}
     plain = findings(spatial())[0]
     pulled = findings(spatial('gravity:g_y=1,g_x=2,g_z=-9.81'))[0]
@@ -148,8 +155,12 @@ def test_force_sensors_that_see_their_neighbours(system):
     found = find_effects()['sensor_crosstalk']
     truth, rich = model_of(system), model_of(system, effects=[ActiveEffect(found, (c, d))])
     columns = [(f'F_{i + 1}_N', f'T_{i + 1}_K') for i in range(structure.wires)]
-    source = Input(np.array([0.0, 6.0]), np.tile([*range(1, len(structure.commands) + 1), 298.0], (2, 1)),
-                   (False,) * len(structure.input_columns), structure.input_columns)  # fmt: skip
+    source = Input(
+        np.array([0.0, 6.0]),
+        np.tile([*range(1, len(structure.commands) + 1), 298.0], (2, 1)),
+        (False,) * len(structure.input_columns),
+        structure.input_columns,
+    )
     before, after = (simulate(model, source, np.linspace(0.0, 6.0, 31)) for model in (truth, rich))
     for kind, part in ((0, c), (1, d)):
         names = [pair[kind] for pair in columns]
@@ -200,8 +211,10 @@ def test_dry_friction_of_a_rail_is_named_as_the_parameter_that_it_is():
 
 
 def test_candidates_are_what_can_act():
-    names = {system: {c.name for c in candidates_for(read_config(words=[f'system={system}']))}
-             for system in ('module', 'spatial', 'slider', 'stack', 'lever', 'wire')}  # fmt: skip
+    names = {
+        system: {c.name for c in candidates_for(read_config(words=[f'system={system}']))}
+        for system in ('module', 'spatial', 'slider', 'stack', 'lever', 'wire')
+    }
     for system in ('module', 'spatial', 'stack', 'lever'):
         assert {'sensor_crosstalk', 'power_gain_mismatch', 'pretension_mismatch', 'clock_skew'} <= names[system]
     assert not {'sensor_crosstalk', 'power_gain_mismatch', 'gravity'} & (names['slider'] | names['wire'])

@@ -22,9 +22,11 @@ from sma_sim.model.system import extra_capacity, extra_heat
 
 KINDS = ('hybrid', 'mas')
 CASES = [
-    (name, system) for system, on in sorted(MOVING.items()) for name, one in sorted(find_effects().items())
+    (name, system)
+    for system, on in sorted(MOVING.items())
+    for name, one in sorted(find_effects().items())
     if acts_on(one.effect, on.structure)
-]  # fmt: skip
+]
 # Where an effect shows: wires that run out of martensite, wires that would push, a load that creep leaves above the plateau.
 CONDITIONS = {
     'pretension_mismatch': {'wire__l0': 99e-3},
@@ -124,8 +126,16 @@ def check_balance(model, y, x, u):
         along = (obs[i, O_DEPS] - strain_rates[i] - w.eps_T * obs[i, O_DX], dy[p.first_T + i], obs[i, O_DX])
         stored = internal_energy(*(a + 1e-30j * b for a, b in zip(at, along, strict=True)), w).imag / 1e-30
         force = w.section * sigma * obs[i, O_RATIO]
-        powers = np.array([force * obs[i, O_V], obs[i, O_J], -w.lambda_ * w.surface * (T - 298.0), heat[i],
-                           -w.volume * sigma * strain_rates[i], -capacities[i] * dy[p.first_T + i]])  # fmt: skip
+        powers = np.array(
+            [
+                force * obs[i, O_V],
+                obs[i, O_J],
+                -w.lambda_ * w.surface * (T - 298.0),
+                heat[i],
+                -w.volume * sigma * strain_rates[i],
+                -capacities[i] * dy[p.first_T + i],
+            ]
+        )
         exchanged = np.abs([*powers, latent_heat(T, sigma, w) * obs[i, O_DX]]).sum()
         assert stored == pytest.approx(powers.sum(), abs=1e-6 * exchanged)
     n, zero = p.coordinates, np.zeros(p.coordinates)

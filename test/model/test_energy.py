@@ -16,9 +16,7 @@ from sma_sim.model.material import gamma, internal_energy, latent_heat, sigma_MW
 from sma_sim.solver.inputs import segments
 
 COMPLEX_STEP = 1e-30  # derivatives of rational functions by complex steps are exact to rounding
-ENERGETIC = [
-    (), ('natural_convection',), ('ambient_heating',), ('natural_convection', 'ambient_heating'), ('polycrystal',),
-]  # fmt: skip
+ENERGETIC = [(), ('natural_convection',), ('ambient_heating',), ('natural_convection', 'ambient_heating'), ('polycrystal',)]
 
 
 def modes_of(kind):

@@ -34,9 +34,13 @@ from sma_sim.solver.stepper import TIME_STEP, Segment, flow_at, input_at, linear
 
 MANY = ('driver_lag', 'natural_convection', 'thermal_crosstalk', 'r_phase_strain', 'smooth_transformation', 'guide_friction')
 SETS = {
-    'bare': (), 'heat': ('natural_convection',), 'strain': ('thermal_expansion',), 'sensor': ('sensor_lag',),
-    'force': ('guide_friction',), 'many': MANY,
-}  # fmt: skip
+    'bare': (),
+    'heat': ('natural_convection',),
+    'strain': ('thermal_expansion',),
+    'sensor': ('sensor_lag',),
+    'force': ('guide_friction',),
+    'many': MANY,
+}
 CASES = [(s, k, e) for s in ('module', 'wire') for k in ('hybrid', 'mas') for e in SETS]
 
 
@@ -225,11 +229,16 @@ def test_forces_of_effects_add_up_as_long_as_there_is_room():
 @pytest.mark.parametrize(
     ('effect', 'wires'),
     [
-        ('', 'own'), ('natural_convection', 'own'), ('guide_friction', 'all'),
-        ('sensor_lag', 'own'), ('thermal_expansion', 'all'), ('smooth_transformation', 'all'),
-        ('driver_lag', 'own'), ('gravity', 'own'),
+        ('', 'own'),
+        ('natural_convection', 'own'),
+        ('guide_friction', 'all'),
+        ('sensor_lag', 'own'),
+        ('thermal_expansion', 'all'),
+        ('smooth_transformation', 'all'),
+        ('driver_lag', 'own'),
+        ('gravity', 'own'),
     ],
-)  # fmt: skip
+)
 def test_samples_evaluate_what_they_show(effect, wires):
     """Nothing for a pose or a temperature, the stress of a wire for its force; everything where an effect adds to these."""
     model = make_model('module', 'hybrid', [active(effect)] if effect else [])
@@ -256,10 +265,16 @@ def test_samples_evaluate_what_they_show(effect, wires):
 
 @pytest.mark.parametrize(
     ('system', 'command', 'heated'),
-    [('module', [8.0], [8.0, 0.0]), ('module', [-8.0], [0.0, 8.0]), ('lever', [-4.0], [0.0, 4.0]), ('slider', [6.0], [6.0]),
-     ('slider', [-6.0], [0.0]), ('spatial', [1.0, -2.0, 3.0], [1.0, 0.0, 3.0]),
-     ('stack', [1.0, -2.0, 3.0], [1.0, 0.0, 0.0, 2.0, 3.0, 0.0])],
-)  # fmt: skip
+    [
+        ('module', [8.0], [8.0, 0.0]),
+        ('module', [-8.0], [0.0, 8.0]),
+        ('lever', [-4.0], [0.0, 4.0]),
+        ('slider', [6.0], [6.0]),
+        ('slider', [-6.0], [0.0]),
+        ('spatial', [1.0, -2.0, 3.0], [1.0, 0.0, 3.0]),
+        ('stack', [1.0, -2.0, 3.0], [1.0, 0.0, 0.0, 2.0, 3.0, 0.0]),
+    ],
+)
 def test_the_wires_of_a_bundle_share_its_power(system, command, heated):
     """Of an antagonistic pair one is heated, by the sign; no bundle is cooled."""
     model = Model(Config({'wire.n': 4.0}, system))

@@ -45,9 +45,10 @@ def test_at_the_temperatures_of_a_heated_run_it_moves_as_that_one(name, kinetics
     heated = model_of(name, kinetics, solver__rtol=1e-8)
     times = np.linspace(0.0, 10.0, 16001)  # linear between them: errors fall with the square of their distance
     run = simulate(heated, command_of(name, 10.0), times)
-    config = read_config(ROBOT if name == 'rocker' else None, words={
-        **heated.config.parameters, 'system': name, 'bench.temperature': 'prescribed', 'kinetics': kinetics,
-    })  # fmt: skip
+    config = read_config(
+        ROBOT if name == 'rocker' else None,
+        words={**heated.config.parameters, 'system': name, 'bench.temperature': 'prescribed', 'kinetics': kinetics},
+    )
     model = Model(config)
     suffixes, columns = model.structure.wire_suffixes, model.structure.input_columns
     values = np.zeros((len(times), len(columns)))

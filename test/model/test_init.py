@@ -38,12 +38,23 @@ def test_numbers_read_back_in_yaml(value):
 
 @pytest.mark.parametrize(
     ('text', 'si', 'usual', 'expected'),
-    [('98 mm', 'm', 'mm', 0.098), ('98', 'm', 'mm', 0.098), ('0.2mm', 'm', 'mm', 2e-4), ('150 um', 'm', 'mm', 150e-6),
-     ('150 µm', 'm', 'mm', 150e-6), ('25 degC', 'K', 'degC', 298.15), ('-5', 'K', 'degC', 268.15),
-     ('300 K', 'K', 'degC', 300.0),
-     ('25 °C', 'K', 'degC', 298.15), ('2.1 GPa', 'Pa', 'GPa', 2.1e9), ('1e1 g', 'kg', 'g', 0.01), ('12', '-', '', 12.0),
-     ('.5 W', 'W', 'W', 0.5), ('380 J/(kg K)', 'J/(kg K)', 'J/(kg K)', 380.0)],
-)  # fmt: skip
+    [
+        ('98 mm', 'm', 'mm', 0.098),
+        ('98', 'm', 'mm', 0.098),
+        ('0.2mm', 'm', 'mm', 2e-4),
+        ('150 um', 'm', 'mm', 150e-6),
+        ('150 µm', 'm', 'mm', 150e-6),
+        ('25 degC', 'K', 'degC', 298.15),
+        ('-5', 'K', 'degC', 268.15),
+        ('300 K', 'K', 'degC', 300.0),
+        ('25 °C', 'K', 'degC', 298.15),
+        ('2.1 GPa', 'Pa', 'GPa', 2.1e9),
+        ('1e1 g', 'kg', 'g', 0.01),
+        ('12', '-', '', 12.0),
+        ('.5 W', 'W', 'W', 0.5),
+        ('380 J/(kg K)', 'J/(kg K)', 'J/(kg K)', 380.0),
+    ],
+)
 def test_units(text, si, usual, expected):
     assert to_si(text, si, usual) == expected
 
@@ -65,8 +76,26 @@ def init(folder, *words):
 
 
 def test_flags_give_a_file_that_simulates(tmp_path, capsys):
-    assert init(tmp_path, '--beam-length', '120 mm', '--wire-length', '11.5 cm', '--wire-diameter', '0.2', '--wires', '4',
-                '--ambient', '25 degC', '--set', 'beam.b_x=1.5', '--effect', 'gravity:g_x=3') == 0  # fmt: skip
+    assert (
+        init(
+            tmp_path,
+            '--beam-length',
+            '120 mm',
+            '--wire-length',
+            '11.5 cm',
+            '--wire-diameter',
+            '0.2',
+            '--wires',
+            '4',
+            '--ambient',
+            '25 degC',
+            '--set',
+            'beam.b_x=1.5',
+            '--effect',
+            'gravity:g_x=3',
+        )
+        == 0
+    )
     said = capsys.readouterr()
     assert 'static equilibrium found' in said.err and 'strained by 4.' in said.err
     assert said.out.strip().endswith('robot.yaml')
@@ -93,11 +122,17 @@ def test_an_own_file_is_the_start_of_another(tmp_path):
 
 @pytest.mark.parametrize(
     ('words', 'said'),
-    [(['--wire-length', '1150'], 'strained by -90 %'), (['--wire-length', '120'], 'strained by'),
-     (['--wire-length', '95 inch'], "unit 'inch'"), (['--beam-length', '0.1'], 'expected 1 mm to 10000 mm'),
-     (['--ambient', 'warm'], 'not a number'), (['--wires', '0'], 'out of range'),
-     (['--wire-length', '95', '--set', 'wire.l0=0.09'], 'say the same'), (['--set', 'wire.l=0.09'], 'did you mean')],
-)  # fmt: skip
+    [
+        (['--wire-length', '1150'], 'strained by -90 %'),
+        (['--wire-length', '120'], 'strained by'),
+        (['--wire-length', '95 inch'], "unit 'inch'"),
+        (['--beam-length', '0.1'], 'expected 1 mm to 10000 mm'),
+        (['--ambient', 'warm'], 'not a number'),
+        (['--wires', '0'], 'out of range'),
+        (['--wire-length', '95', '--set', 'wire.l0=0.09'], 'say the same'),
+        (['--set', 'wire.l=0.09'], 'did you mean'),
+    ],
+)
 def test_what_makes_no_robot_leaves_no_file(tmp_path, capsys, words, said):
     assert init(tmp_path, *words) == 2
     assert said in capsys.readouterr().err and list(tmp_path.iterdir()) == []
@@ -119,9 +154,14 @@ class Terminal:
         self.keys, screen = pty.openpty()
         environment = os.environ | {'PYTHONPATH': str(ROOT)}
         self.process = subprocess.Popen(
-            [sys.executable, '-m', 'sma_sim.cli.main', 'init'], cwd=folder, env=environment, stdin=screen, stdout=screen,
-            stderr=screen, start_new_session=True,
-        )  # fmt: skip
+            [sys.executable, '-m', 'sma_sim.cli.main', 'init'],
+            cwd=folder,
+            env=environment,
+            stdin=screen,
+            stdout=screen,
+            stderr=screen,
+            start_new_session=True,
+        )
         os.close(screen)
         self.shown = ''
 
@@ -157,8 +197,14 @@ def terminal(tmp_path):
     one.close()
 
 
-REST = ('diameter of the beam', "Young's modulus of the beam", 'distance of the two bundles at the plate',
-        'mass of the plate', 'wires in one bundle', 'diameter of one wire')  # fmt: skip
+REST = (
+    'diameter of the beam',
+    "Young's modulus of the beam",
+    'distance of the two bundles at the plate',
+    'mass of the plate',
+    'wires in one bundle',
+    'diameter of one wire',
+)
 
 
 def test_questions_on_a_terminal(terminal, tmp_path):

@@ -18,9 +18,15 @@ BOTH = ('hybrid', 'mas')
 
 @pytest.mark.parametrize(
     ('asked', 'words', 'tried'),
-    [(None, (), BOTH), (None, ('model=hybrid',), ('hybrid',)), (None, ('model=mas',), ('mas',)),
-     (None, ('model=auto',), BOTH), ('hybrid', ('model=mas',), ('hybrid',)), ('auto', ('model=mas',), BOTH)],
-)  # fmt: skip
+    [
+        (None, (), BOTH),
+        (None, ('model=hybrid',), ('hybrid',)),
+        (None, ('model=mas',), ('mas',)),
+        (None, ('model=auto',), BOTH),
+        ('hybrid', ('model=mas',), ('hybrid',)),
+        ('auto', ('model=mas',), BOTH),
+    ],
+)
 def test_what_is_given_is_kept(asked, words, tried, tmp_path):
     given = read_config(words=words)
     assert kinetics_to_try(asked, given) == tried

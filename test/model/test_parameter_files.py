@@ -45,10 +45,14 @@ GOOD = {
     'any name': ('/*:\n  ros__parameters:\n    model: mas\n', {'model': 'mas'}),
     'any namespace': ('/**/sma_module_sim:\n  ros__parameters:\n    model: mas\n', {'model': 'mas'}),
     'nested any namespace': ('/**:\n  sma_module_sim:\n    ros__parameters:\n      model: mas\n', {'model': 'mas'}),
-    'two sections': (under('wire: {E_A: 11.0e+9}') + 'sma_module_sim:\n  ros__parameters:\n    wire: {E_M: 7.0e+9}\n',
-                     {'wire.E_A': 11e9, 'wire.E_M': 7e9}),
-    'the later section wins': (under('beam.E: 1.0e+9') + 'sma_module_sim:\n  ros__parameters:\n    beam: {E: 3.0e+9}\n',
-                               {'beam.E': 3e9}),
+    'two sections': (
+        under('wire: {E_A: 11.0e+9}') + 'sma_module_sim:\n  ros__parameters:\n    wire: {E_M: 7.0e+9}\n',
+        {'wire.E_A': 11e9, 'wire.E_M': 7e9},
+    ),
+    'the later section wins': (
+        under('beam.E: 1.0e+9') + 'sma_module_sim:\n  ros__parameters:\n    beam: {E: 3.0e+9}\n',
+        {'beam.E': 3e9},
+    ),
     'sections of others': (under('model: mas') + 'camera:\n  ros__parameters:\n    exposure: 3\n', {'model': 'mas'}),
     'plain mapping': ('wire: {E_A: 11.0e9}\nmodel: mas\n', {'wire.E_A': 11e9, 'model': 'mas'}),
     'anchor': (under('wire: {E_A: &E 11.0e9, E_M: *E}'), {'wire.E_M': 11e9}),
@@ -59,7 +63,7 @@ GOOD = {
     'effect without entries': (under("effects: {active: ['']}"), {'effects.active': []}),
     'effect as one word': (under('effects: {active: gravity}'), {'effects.active': ['gravity']}),
     'slider': (under('system: slider', 'slider: {wires: 2}'), {'system': 'slider'}),
-}  # fmt: skip
+}
 BAD = {
     'celsius': (under('environment.T_E: 25.0'), 'T_E = 25 K', 'expected 150 to 2000 K\n25 deg C are 298.15 K'),
     'reference in celsius': (under('wire.T0: 50'), 'wire.T0 = 50 K', '323.15 K'),
@@ -86,8 +90,11 @@ BAD = {
     'wrong depth': (under(QOS % ('reliable', 0)), 'depth = 0', 'expected a whole number of messages'),
     'wrong entity': (under('qos_overrides: {/J_eq: {reader: {depth: 1}}}'), 'expected qos_overrides.TOPIC.publisher.POLICY'),
     'wrong use_sim_time': (under("use_sim_time: 'yes'"), "use_sim_time = 'yes'", 'expected true or false'),
-    'nothing for this node': ('/other:\n  ros__parameters:\n    model: mas\n', 'has nothing for this node',
-                              'expected /**: or /sma_module_sim: above ros__parameters, got /other'),
+    'nothing for this node': (
+        '/other:\n  ros__parameters:\n    model: mas\n',
+        'has nothing for this node',
+        'expected /**: or /sma_module_sim: above ros__parameters, got /other',
+    ),
     'beside the names of nodes': (under('model: mas') + 'wire: {E_A: 1.0e9}\n', 'wire stands beside the names of nodes'),
     'no mapping below': ('/**:\n  ros__parameters: [1, 2]\n', 'expected a mapping below ros__parameters, got list'),
     'nothing below': ('/**:\n  ros__parameters:\n', 'expected a mapping below ros__parameters, got NoneType'),
@@ -96,7 +103,7 @@ BAD = {
     'no YAML': ('/**: {ros__parameters: [\n', 'is not YAML'),
     'tabs': ('/**:\n\tros__parameters:\n', 'is not YAML'),
     'code': (under('beam.E: !!python/object/apply:os.system [ls]'), 'is not YAML'),
-}  # fmt: skip
+}
 
 
 @pytest.fixture(scope='module')
@@ -111,9 +118,14 @@ def of_node(context, *words):
     """What the node makes of its arguments: its configuration, and what it was given of ROS."""
     left, given = read_arguments(['--ros-args', *words], NAME)
     node = ParameterNode(
-        NAME, context=context, cli_args=left, use_global_arguments=False, parameter_overrides=overrides_of(given),
-        automatically_declare_parameters_from_overrides=True, start_parameter_services=False,
-    )  # fmt: skip
+        NAME,
+        context=context,
+        cli_args=left,
+        use_global_arguments=False,
+        parameter_overrides=overrides_of(given),
+        automatically_declare_parameters_from_overrides=True,
+        start_parameter_services=False,
+    )
     try:
         config, _ = configure(node, in_files=given)
         return config, take_overrides(node), node.get_parameter('use_sim_time').value

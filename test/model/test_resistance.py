@@ -21,8 +21,11 @@ def closed_form(strain, x, T, r0=75e-6, l0=95.7e-3):
 
 @pytest.mark.parametrize('kind', ['hybrid', 'mas'])
 def test_resistance_is_that_of_phase_temperature_and_strain(kind):
-    source = Input(np.array([0.0, 4.0, 8.0]), np.array([[0.0, 0.0, 298.0], [0.05, 0.3, 298.0], [0.01, 0.0, 298.0]]),
-                   (True, False, False))  # fmt: skip
+    source = Input(
+        np.array([0.0, 4.0, 8.0]),
+        np.array([[0.0, 0.0, 298.0], [0.05, 0.3, 298.0], [0.01, 0.0, 298.0]]),
+        (True, False, False),
+    )
     times = np.linspace(0.0, 8.0, 81)
     run = simulate(make_model('wire', kind), source, times)
     expected = closed_form(np.interp(times, source.times, source.values[:, 0]), run['x_M'], run['T_K'])
@@ -46,8 +49,12 @@ def isothermal(folder, config, temperatures=(330.0, 360.0), noise=2e-3):
     random, paths = np.random.default_rng(5), []
     times = np.array([0.0, 60.0, 120.0])
     for T in temperatures:
-        source = Input(times, np.column_stack([[0.0, 0.06, 0.0], np.full(3, T), np.zeros(3), np.full(3, 298.0)]),
-                       (True, True, False, False), config.structure.structure.input_columns)  # fmt: skip
+        source = Input(
+            times,
+            np.column_stack([[0.0, 0.06, 0.0], np.full(3, T), np.zeros(3), np.full(3, 298.0)]),
+            (True, True, False, False),
+            config.structure.structure.input_columns,
+        )
         run = simulate(Model(config), source, np.linspace(0.0, 120.0, 241))
         shown = {'milliohm': 1e3 * (run['R_ohm'] + noise * random.normal(size=241))}
         shown['stress_Pa'] = run['stress_Pa'] + 1e5 * random.normal(size=241)
@@ -81,8 +88,11 @@ def test_resistivities_stay_where_no_resistance_is_measured():
     config = read_config()
     free, fixed = choose_free(config, ['wire.E_A', 'wire.resistivity_A'], {'alpha'})
     assert [p.name for p in free] == ['wire.E_A'] and 'no resistance is measured' in fixed[0].reason
-    thickness, _ = choose_free(config, ['wire.r0', *(f'wire.{n}' for n in ('E_A', 'E_M', 'sigma_T', 'sigma_MW0', 'dsigma',
-                                                                           'c_V', 'lambda'))], {'alpha', 'R_1'})  # fmt: skip
+    thickness, _ = choose_free(
+        config,
+        ['wire.r0', *(f'wire.{n}' for n in ('E_A', 'E_M', 'sigma_T', 'sigma_MW0', 'dsigma', 'c_V', 'lambda'))],
+        {'alpha', 'R_1'},
+    )
     assert 'wire.r0' in [p.name for p in thickness]  # a resistance shows the section of a wire of known resistivity
 
 

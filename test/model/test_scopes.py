@@ -25,10 +25,12 @@ SAMPLES = np.arange(0.0, 20.0, 0.1)
 NOISE = {'U_x_m': 2e-6, 'U_y_m': 1e-5, 'alpha_rad': 3.5e-4, 'T_1_K': 0.1, 'T_2_K': 0.1}
 MODULE = package_structures()['module'].structure
 BY_WIRE = [  # slack: not only in wires that would push
-    name for name, one in find_effects().items()
-    if one.effect.port in ('wire_heat', 'wire_strain', 'wire_force') and acts_on(one.effect, MODULE)
+    name
+    for name, one in find_effects().items()
+    if one.effect.port in ('wire_heat', 'wire_strain', 'wire_force')
+    and acts_on(one.effect, MODULE)
     and name not in ('slack', 'clamp_slip')  # the latter has a parameter for each bundle
-]  # fmt: skip
+]
 
 
 def in_scope(name, **values):

@@ -158,10 +158,15 @@ def test_free_undamped_motion_keeps_its_energy():
 def test_ten_modules_hang():
     """Whole steps of Newton's method from the straight pose lead away from this equilibrium."""
     model = stack(
-        10, stack__g_x=7.894433660685721, stack__g_y=-0.9043158102648388, beam__E=1614836273.9584188,
-        beam__b_x=2.253178665061274, beam__b_y=1.8620020191337914, beam__b_alpha=1.712762868914699,
+        10,
+        stack__g_x=7.894433660685721,
+        stack__g_y=-0.9043158102648388,
+        beam__E=1614836273.9584188,
+        beam__b_x=2.253178665061274,
+        beam__b_y=1.8620020191337914,
+        beam__b_alpha=1.712762868914699,
         plate__m_H=0.009334409401023272,
-    )  # fmt: skip
+    )
     run = simulate(model, commands(model, [0.0, 1.0], [0.0, 0.0]), 10.0)
     assert run.completed and -0.03 < run['alpha_1_rad'][0] < -0.02 and abs(run['alpha_10_rad'][0]) < 1e-3
     assert np.ptp(run['alpha_1_rad']) < 1e-5
@@ -172,11 +177,14 @@ def test_random_stacks_come_to_their_end():
     random = np.random.default_rng(3)
     for turn in range(10):
         model = stack(
-            random.integers(1, 8), 'mas' if turn % 2 else 'hybrid',
-            stack__g_x=random.uniform(-10.0, 10.0), stack__g_y=random.uniform(-2.0, 2.0),
-            beam__E=random.uniform(1.6e9, 2.5e9), beam__b_y=random.uniform(1.0, 3.0),
+            random.integers(1, 8),
+            'mas' if turn % 2 else 'hybrid',
+            stack__g_x=random.uniform(-10.0, 10.0),
+            stack__g_y=random.uniform(-2.0, 2.0),
+            beam__E=random.uniform(1.6e9, 2.5e9),
+            beam__b_y=random.uniform(1.0, 3.0),
             plate__m_H=random.uniform(5e-3, 1.5e-2),
-        )  # fmt: skip
+        )
         levels = random.uniform(-1.2, 1.2, (5, len(model.structure.commands))) * HEATED
         run = simulate(model, commands(model, [0.0, 4.0, 9.0, 15.0, 20.0], levels), 5.0)
         assert run.completed and not run.notes, (turn, run.reason, run.notes)

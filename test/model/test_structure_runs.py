@@ -49,11 +49,13 @@ def test_first_law_over_a_run(name, kind):
     nodes, weights = quadrature(breaks)
     run = raw_run(model, source, np.concatenate([[0.0], nodes, [breaks[-1]]]))
     assert run.status == 0 and all(np.ptp(wire['x_M']) > 0.05 for wire in run.wires[:1])
-    powers = np.array([
-        *(w.n * wire['J'][1:-1] for wire in run.wires),
-        *(-w.n * w.lambda_ * w.surface * (wire['T'][1:-1] - 298.0) for wire in run.wires),
-        friction_power(model, run.pose[1:-1], run.rates[1:-1]),
-    ])  # fmt: skip
+    powers = np.array(
+        [
+            *(w.n * wire['J'][1:-1] for wire in run.wires),
+            *(-w.n * w.lambda_ * w.surface * (wire['T'][1:-1] - 298.0) for wire in run.wires),
+            friction_power(model, run.pose[1:-1], run.rates[1:-1]),
+        ]
+    )
     exchanged = (np.abs(powers) @ weights).sum()
     change = energy_of(model, run, -1) - energy_of(model, run, 0)
     assert p.wires == len(run.wires) and exchanged > 1.0

@@ -22,9 +22,10 @@ from sma_sim.solver.model import new_findings
 EXAMPLE = Path(__file__).resolve().parents[2] / 'examples' / 'own_structure'
 ROCKER = find_structures([EXAMPLE])['rocker']
 MOVING = {
-    name: found for name, found in (*package_structures().items(), ('rocker', ROCKER))
+    name: found
+    for name, found in (*package_structures().items(), ('rocker', ROCKER))
     if found.structure.coordinates and not found.structure.drives
-}  # fmt: skip
+}
 HEATING = {'spatial': 8.0, 'module': 12.0, 'stack': 12.0, 'lever': 1.2, 'rocker': 1.2, 'slider': 1.2, 'coil': 4.0}
 
 
@@ -148,9 +149,16 @@ def planar_beam():
         return BeamConstants(W=2.0 * p.r, J_H=p.J_bend, **shared)
 
     return Structure(
-        name='planar', title='beam', coordinates=tuple(spatial.coordinates[k] for k in (0, 1, 3)), wires=3, lengths=lengths,
-        gradients=gradients, forces=forces, inertia=lambda p: (p.m_H, p.m_H, p.J_H), constants=constants,
-    )  # fmt: skip
+        name='planar',
+        title='beam',
+        coordinates=tuple(spatial.coordinates[k] for k in (0, 1, 3)),
+        wires=3,
+        lengths=lengths,
+        gradients=gradients,
+        forces=forces,
+        inertia=lambda p: (p.m_H, p.m_H, p.J_H),
+        constants=constants,
+    )
 
 
 def test_spatial_reduces_to_the_planar_beam():
@@ -207,8 +215,12 @@ def test_a_spatial_run_is_that_of_the_planar_beam(kind):
     for name, own in (('spatial', None), ('planar', planar)):
         columns = np.column_stack([0.0 * levels, levels, levels, np.full(4, 298.0)])
         command = Input(times, columns, (False,) * 4, spatial.input_columns)
-        config = Config({key: value for key, value in values.items() if own is None or 'spatial' not in key}, name, kind,
-                        own_structure=own)  # fmt: skip
+        config = Config(
+            {key: value for key, value in values.items() if own is None or 'spatial' not in key},
+            name,
+            kind,
+            own_structure=own,
+        )
         runs.append(simulate(Model(config), command, np.arange(0.0, 8.0, 0.1)))
     whole, flat = runs
     assert whole.completed and flat.completed and np.ptp(whole['alpha_rad']) > 0.02
@@ -298,8 +310,11 @@ def test_against_an_independent_solution(name, rates, column, starts):
     command, times = command_of(name, 6.0), np.linspace(0.0, 6.0, 61)
     run = simulate(model, command, times)
     assert run.completed and np.ptp(run[column]) > 0.5 * model.scales[0]
-    constants = {key.rpartition('.')[2]: value for key, value in model.config.parameters.items()
-                 if key.startswith(('wire.', f'{name}.'))}  # fmt: skip
+    constants = {
+        key.rpartition('.')[2]: value
+        for key, value in model.config.parameters.items()
+        if key.startswith(('wire.', f'{name}.'))
+    }
     first = simulate(model, command, times[:1])
     y, found = [first[column][0], 0.0, *(first[start][0] for start in starts)], []
     for start, end, J in zip(command.times[:-1], command.times[1:], command.values[:-1, 0], strict=True):

@@ -203,8 +203,9 @@ def test_two_nodes_with_one_name_and_a_command_of_another_type():
 
 def play(one, folder, *words):
     command = [sys.executable, '-m', 'sma_sim.cli.main', 'play', *words]
-    return subprocess.run(command, cwd=folder, env=one.environment | {'PYTHONPATH': str(ROOT)}, capture_output=True,
-                          text=True, timeout=60)  # fmt: skip
+    return subprocess.run(
+        command, cwd=folder, env=one.environment | {'PYTHONPATH': str(ROOT)}, capture_output=True, text=True, timeout=60
+    )
 
 
 def test_play_sends_a_file_in_time(tmp_path):

@@ -63,9 +63,12 @@ class Loop(ros_client.Simulation):
     def __init__(self, *words, speed=4.0, node=()):
         super().__init__('-p', f'node.real_time_factor:={speed}', *node, topics=TOPICS)
         self.control = subprocess.Popen(
-            [sys.executable, str(EXAMPLE), '--ros-args', *words], env=self.environment, stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT, text=True,
-        )  # fmt: skip
+            [sys.executable, str(EXAMPLE), '--ros-args', *words],
+            env=self.environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
         self.targets = self.node.create_publisher(Float64, 'alpha_target', 10)
         self.until(lambda: self.seen['J_eq'], ros_client.FIRST_MESSAGE)
         self.until(lambda: self.targets.get_subscription_count() == 1)

@@ -54,8 +54,14 @@ def drive(folder, parameters, bag, seeds):
                 future = reset.call_async(Trigger.Request())
                 one.until(future.done)
             play = [sys.executable, '-m', 'sma_sim.cli.main', 'play', command_file(folder / f'{seed}.csv', seed)]
-            done = subprocess.run([*play, '--speed', f'{SPEED}'], env=one.environment | {'PYTHONPATH': str(ROOT)},
-                                  cwd=folder, capture_output=True, text=True, timeout=120)  # fmt: skip
+            done = subprocess.run(
+                [*play, '--speed', f'{SPEED}'],
+                env=one.environment | {'PYTHONPATH': str(ROOT)},
+                cwd=folder,
+                capture_output=True,
+                text=True,
+                timeout=120,
+            )
             assert done.returncode == 0, done.stderr
         code, log = one.stop()
         assert code == 0, log

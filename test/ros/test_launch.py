@@ -73,9 +73,12 @@ class Launched:
         self.domain = str(ros_client.any_domain())
         with log.open('w') as file:
             self.process = subprocess.Popen(
-                [ROS2, 'launch', 'sma_sim', *words], env={**environment, 'ROS_DOMAIN_ID': self.domain}, stdout=file,
-                stderr=subprocess.STDOUT, start_new_session=True,
-            )  # fmt: skip
+                [ROS2, 'launch', 'sma_sim', *words],
+                env={**environment, 'ROS_DOMAIN_ID': self.domain},
+                stdout=file,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
 
     def until(self, condition, patience=ros_client.FIRST_MESSAGE):
         """Collect until the condition on `seen` holds."""
@@ -109,21 +112,38 @@ class Launched:
 def test_every_argument_is_described(environment, file):
     code, text = launch(environment, file, '--show-args')
     described = dict(re.findall(r"^    '(\w+)':\n        (.+)$", text, re.M))
-    expected = {'model', 'system', 'effects', 'params_file', 'namespace', 'use_sim_time', 'log_level', 'rviz', 'controller',
-                'record', 'alpha_target', 'demo', 'joint_prefix', 'guard'}  # fmt: skip
+    expected = {
+        'model',
+        'system',
+        'effects',
+        'params_file',
+        'namespace',
+        'use_sim_time',
+        'log_level',
+        'rviz',
+        'controller',
+        'record',
+        'alpha_target',
+        'demo',
+        'joint_prefix',
+        'guard',
+    }
     assert code == 0 and set(described) == expected, text
     assert 'no description given' not in text
 
 
 @by_ros2
-@pytest.mark.parametrize(('words', 'message'), [
-    (['modle:=mas'], 'modle:= is no argument of'),
-    (['alpha_target:=far'], 'alpha_target:=far: expected an angle'),
-    (['rviz:=maybe'], 'rviz:=maybe: expected true or false'),
-    (['params_file:=none.yaml'], 'there is no file none.yaml'),
-    (['system:=lever', 'demo:=true'], 'system:=lever has no joint alpha, which the controllers of the examples move'),
-    (['controller:=none.py'], 'there is no file none.py; of the examples there are controller, trajectory_follower'),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ('words', 'message'),
+    [
+        (['modle:=mas'], 'modle:= is no argument of'),
+        (['alpha_target:=far'], 'alpha_target:=far: expected an angle'),
+        (['rviz:=maybe'], 'rviz:=maybe: expected true or false'),
+        (['params_file:=none.yaml'], 'there is no file none.yaml'),
+        (['system:=lever', 'demo:=true'], 'system:=lever has no joint alpha, which the controllers of the examples move'),
+        (['controller:=none.py'], 'there is no file none.py; of the examples there are controller, trajectory_follower'),
+    ],
+)
 def test_wrong_arguments_start_nothing(environment, words, message):
     for file in FILES:
         code, text = launch(environment, file, *words)
@@ -165,8 +185,10 @@ def test_rviz_looks_at_each_of_two_modules(environment, tmp_path):
     (tmp_path / 'lib/rviz2/rviz2').chmod(0o755)
     seen = tmp_path / 'seen'
     with_rviz = {
-        **environment, 'SEEN': str(seen), 'AMENT_PREFIX_PATH': f'{tmp_path}{os.pathsep}{environment["AMENT_PREFIX_PATH"]}'
-    }  # fmt: skip
+        **environment,
+        'SEEN': str(seen),
+        'AMENT_PREFIX_PATH': f'{tmp_path}{os.pathsep}{environment["AMENT_PREFIX_PATH"]}',
+    }
     with Launched(with_rviz, tmp_path / 'log', [], 'two_modules.launch.py', 'rviz:=true') as launched:
         launched.until(lambda _: seen.exists() and len(seen.read_text().splitlines()) == 2)
     lines = sorted(seen.read_text().splitlines())

@@ -13,13 +13,14 @@ from sma_sim.model.parameter_file import parameter_file
 
 PATIENCE = 120.0  # [s]
 LINES = [
-    {'kind': 'channels', 'channels': ['U_x', 'alpha']}, {'kind': 'state', 'state': 'burn-in', 'problems': [], 'samples': 0},
+    {'kind': 'channels', 'channels': ['U_x', 'alpha']},
+    {'kind': 'state', 'state': 'burn-in', 'problems': [], 'samples': 0},
     *(
         {'kind': 'sample', 'stamp': float(k), 'measured': [0.0, None], 'model': [1.0, 2.0], 'error': [3.0, None]}
         for k in range(5)
     ),
     {'kind': 'state', 'state': 'comparing', 'problems': ['the model has left'], 'samples': 5},
-]  # fmt: skip
+]
 
 
 def feed(tmp_path, program):

@@ -28,9 +28,12 @@ from sma_sim.solver.fixed_rate import FixedRateRun, simulate_fixed_rate  # noqa:
 CHECK = 'sma_sim.ros.check_main'
 QUICK = ('-p', 'check.burn_in:=1.0', '-p', 'check.window:=1.0')
 TOPICS = (
-    (JointState, 'model_joint_states'), (JointState, 'residuals'), (Float64MultiArray, 'channel_residuals'),
-    (Float64MultiArray, 'error_over_noise'), (DiagnosticArray, '/diagnostics'),
-)  # fmt: skip
+    (JointState, 'model_joint_states'),
+    (JointState, 'residuals'),
+    (Float64MultiArray, 'channel_residuals'),
+    (Float64MultiArray, 'error_over_noise'),
+    (DiagnosticArray, '/diagnostics'),
+)
 ROBOT = ((JointState, 'joint_states'), (Float64, 'J_eq_applied'))
 PACE = 0.004  # [s] of wall time from sample to sample of a FakeRobot
 
@@ -92,7 +95,7 @@ def robot(*arguments):
 @contextmanager
 def moved(*commands):
     """A robot and its model, at rest and then moved by commands, each held for 3 s of the robot's time: what they said, the
-    largest residual of alpha in each of these, and the log of the check, complete afterwards."""  # fmt: skip
+    largest residual of alpha in each of these, and the log of the check, complete afterwards."""
     largest = []
     with robot() as one, beside(one, '-p', 'check.window:=3.0', '-p', 'check.threshold:=1000.0') as log:
         command = one.node.create_publisher(Float64, 'J_eq', 10)

@@ -24,10 +24,15 @@ from std_msgs.msg import Float64, Float64MultiArray, UInt8MultiArray  # noqa: E4
 
 ROOT = Path(__file__).resolve().parents[2]
 TOPICS = (
-    (JointState, 'joint_states'), (JointState, 'wire_states'), (Float64MultiArray, 'wire_forces'),
-    (UInt8MultiArray, 'wire_modes'), (Temperature, 'wire_1/temperature'), (Temperature, 'wire_2/temperature'),
-    (Float64MultiArray, 'phase_fractions'), (Float64, 'J_eq_applied'),
-)  # fmt: skip
+    (JointState, 'joint_states'),
+    (JointState, 'wire_states'),
+    (Float64MultiArray, 'wire_forces'),
+    (UInt8MultiArray, 'wire_modes'),
+    (Temperature, 'wire_1/temperature'),
+    (Temperature, 'wire_2/temperature'),
+    (Float64MultiArray, 'phase_fractions'),
+    (Float64, 'J_eq_applied'),
+)
 
 
 def alphas(simulation):
@@ -208,8 +213,9 @@ def test_module_yaml_has_every_parameter_at_its_default():
 def test_step_response_stopped_before_anything_came(tmp_path, number):
     words = [sys.executable, str(ROOT / 'examples' / 'step_response.py'), 'step.csv']
     environment = os.environ | {'ROS_DOMAIN_ID': '102', 'PYTHONUNBUFFERED': '1'}
-    with subprocess.Popen(words, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-                          text=True) as example:  # fmt: skip
+    with subprocess.Popen(
+        words, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    ) as example:
         first = example.stdout.readline()
         example.send_signal(number)
         log, _ = example.communicate(timeout=60)

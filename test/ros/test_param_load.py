@@ -55,9 +55,13 @@ def test_a_dump_loads_whole_and_what_cannot_be_set_is_said(tmp_path):
         assert set(answers) == set(names) and set(DEFAULTS) <= set(names)
         assert not {name: answer.reason for name, answer in answers.items() if not answer.successful}
         changed = {
-            'wire': {'r0': 1e-4, 'omega_x': 120}, 'environment': {'T_E': 305}, 'solver': {'rtol': 1e-5, 'rtoll': 1.0},
-            'model': 'mas', 'effects': {'active': ['gravity']}, 'node': {'record': 'run1'},
-        }  # fmt: skip
+            'wire': {'r0': 1e-4, 'omega_x': 120},
+            'environment': {'T_E': 305},
+            'solver': {'rtol': 1e-5, 'rtoll': 1.0},
+            'model': 'mas',
+            'effects': {'active': ['gravity']},
+            'node': {'record': 'run1'},
+        }
         (tmp_path / 'other.yaml').write_text(yaml.dump({'/**': {'ros__parameters': changed}}))
         answers = load(one, tmp_path / 'other.yaml')
         refused = {name: answer.reason for name, answer in answers.items() if not answer.successful}
@@ -81,9 +85,18 @@ def test_the_node_leaves_priors_aside():
 @pytest.mark.parametrize(
     ('given', 'present', 'same'),
     [
-        (float('nan'), float('nan'), True), (1.0, 1.0, True), (1.0, 2.0, False), ([], [''], True), (['a'], [''], False),
-        (['a'], ['a'], True), ('', 'a', False), ('a', 'a', True), (True, True, True), (1, True, False), ('1', 1.0, False),
+        (float('nan'), float('nan'), True),
+        (1.0, 1.0, True),
+        (1.0, 2.0, False),
+        ([], [''], True),
+        (['a'], [''], False),
+        (['a'], ['a'], True),
+        ('', 'a', False),
+        ('a', 'a', True),
+        (True, True, True),
+        (1, True, False),
+        ('1', 1.0, False),
     ],
-)  # fmt: skip
+)
 def test_values_that_are_the_same(given, present, same):
     assert same_value(given, present) is same

@@ -62,8 +62,14 @@ def test_replays_bit_for_bit_under_load(tmp_path, rates):
     """Every column of the bag, from a node that fights for its processor."""
     stop = multiprocessing.Event()
     load = [multiprocessing.Process(target=burn, args=(stop,), daemon=True) for _ in range(3)]
-    words = ['-p', f'node.record:={tmp_path / "bag"}', '-p', f'node.integration_rate:={rates[0]}', '-p',
-             f'node.publish_rate:={rates[1]}']  # fmt: skip
+    words = [
+        '-p',
+        f'node.record:={tmp_path / "bag"}',
+        '-p',
+        f'node.integration_rate:={rates[0]}',
+        '-p',
+        f'node.publish_rate:={rates[1]}',
+    ]
     with ros_client.Simulation(*words, topics=JOINTS) as one:
         one.until(lambda: one.seen['joint_states'], ros_client.FIRST_MESSAGE)
         for process in load:

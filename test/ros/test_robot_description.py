@@ -134,8 +134,10 @@ def test_the_hardware_of_ros2_control_finds_its_topics_and_joints():
     assert element.get('type') == 'system' and element.findtext('hardware/plugin').endswith('/JointStateTopicSystem')
     topics = {param.get('name'): param.text for param in element.findall('hardware/param')}
     assert topics == {'joint_commands_topic': '/left/joint_commands', 'joint_states_topic': '/left/joint_states'}
-    joints = {joint.get('name'): [kind.get('name') for kind in joint.findall('command_interface')]
-              for joint in element.findall('joint')}  # fmt: skip
+    joints = {
+        joint.get('name'): [kind.get('name') for kind in joint.findall('command_interface')]
+        for joint in element.findall('joint')
+    }
     assert joints == {'arm_U_x': [], 'arm_U_y': [], 'arm_alpha': ['position']}
     assert set(joints) == {joint.get('name') for joint in description.findall('joint') if joint.get('type') != 'fixed'}
     assert 'ros2_control' not in urdf_of(beam_links(VALUES))
@@ -153,9 +155,20 @@ def test_rviz_shows_topics_of_the_node_in_its_frame():
 def test_a_late_subscriber_gets_the_description_and_the_frames(tmp_path):
     tf = tf_messages()
     topics = [] if tf is None else [(tf.TFMessage, '/tf')]
-    words = ('-r', '__ns:=/left', '-p', 'beam.L:=0.101', '-p', 'plate.W:=0.017', '-p', 'node.joint_prefix:=left_',
-             '-p', 'node.ros2_control:=true',
-             '-p', f'node.record:={tmp_path / "bag"}')  # fmt: skip
+    words = (
+        '-r',
+        '__ns:=/left',
+        '-p',
+        'beam.L:=0.101',
+        '-p',
+        'plate.W:=0.017',
+        '-p',
+        'node.joint_prefix:=left_',
+        '-p',
+        'node.ros2_control:=true',
+        '-p',
+        f'node.record:={tmp_path / "bag"}',
+    )
     topics += [(JointState, 'joint_states'), (Temperature, 'wire_2/temperature')]
     with ros_client.Simulation(*words, topics=topics, namespace='/left') as one:
         one.until(lambda: one.node.count_publishers('/left/robot_description') == 1, ros_client.FIRST_MESSAGE)

@@ -15,10 +15,15 @@ from sma_sim.ros.stamped import SUFFIX, commanded_efforts, variants_of  # noqa: 
 
 DIAGNOSTICS = (DiagnosticArray, '/diagnostics')
 TOPICS = (
-    (JointState, 'joint_states'), (Float64MultiArray, 'wire_forces'), (UInt8MultiArray, 'wire_modes'),
-    (JointState, 'wire_forces_stamped'), (JointState, 'wire_modes_stamped'), (JointState, 'phase_fractions_stamped'),
-    (Float64, 'J_eq_applied'), DIAGNOSTICS,
-)  # fmt: skip
+    (JointState, 'joint_states'),
+    (Float64MultiArray, 'wire_forces'),
+    (UInt8MultiArray, 'wire_modes'),
+    (JointState, 'wire_forces_stamped'),
+    (JointState, 'wire_modes_stamped'),
+    (JointState, 'phase_fractions_stamped'),
+    (Float64, 'J_eq_applied'),
+    DIAGNOSTICS,
+)
 DELAY = 'delay of the last stamped command [s]'
 
 
@@ -81,10 +86,15 @@ def test_only_when_asked_and_by_the_clock_of_the_node():
 @pytest.mark.parametrize(
     ('names', 'efforts', 'command'),
     [
-        (['J_eq'], [3.0], 3.0), ([], [3.0], 3.0), (['x', 'J_eq'], [1.0, 2.0], 2.0), (['alpha'], [3.0], None),
-        ([], [], None), ([], [1.0, 2.0], None), (['J_eq'], [], None),
+        (['J_eq'], [3.0], 3.0),
+        ([], [3.0], 3.0),
+        (['x', 'J_eq'], [1.0, 2.0], 2.0),
+        (['alpha'], [3.0], None),
+        ([], [], None),
+        ([], [1.0, 2.0], None),
+        (['J_eq'], [], None),
     ],
-)  # fmt: skip
+)
 def test_the_command_in_a_joint_state(names, efforts, command):
     found = commanded_efforts(names, efforts, MODULE.commands)
     assert found == (None if command is None else [command])
@@ -93,9 +103,12 @@ def test_the_command_in_a_joint_state(names, efforts, command):
 @pytest.mark.parametrize(
     ('names', 'efforts', 'command'),
     [
-        (['J_3', 'J_1', 'J_2'], [3.0, 1.0, 2.0], [1.0, 2.0, 3.0]), ([], [1.0, 2.0, 3.0], [1.0, 2.0, 3.0]),
-        (['J_1', 'J_2'], [1.0, 2.0], None), ([], [1.0], None), (['J_1', 'J_2', 'J_3'], [1.0, 2.0], None),
+        (['J_3', 'J_1', 'J_2'], [3.0, 1.0, 2.0], [1.0, 2.0, 3.0]),
+        ([], [1.0, 2.0, 3.0], [1.0, 2.0, 3.0]),
+        (['J_1', 'J_2'], [1.0, 2.0], None),
+        ([], [1.0], None),
+        (['J_1', 'J_2', 'J_3'], [1.0, 2.0], None),
     ],
-)  # fmt: skip
+)
 def test_the_command_of_several_wires_in_a_joint_state(names, efforts, command):
     assert commanded_efforts(names, efforts, SPATIAL.commands) == command

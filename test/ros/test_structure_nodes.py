@@ -26,18 +26,23 @@ from sma_sim.model.structures.discovery import package_structures  # noqa: E402
 EXAMPLE = Path(__file__).resolve().parents[2] / 'examples' / 'own_structure'
 # One that imposes the temperatures of several wires stands for all.
 STRUCTURES = {
-    name: found.structure for name, found in package_structures().items()
+    name: found.structure
+    for name, found in package_structures().items()
     if name != 'module' and (found.structure.has_own_columns or name == 'lever_at_T')
-}  # fmt: skip
+}
 SET_POINTS = {
-    'strain': (0.01, 0.03, 9e99, 0.02), 'stress': (1e7, 3e7, 9e99, 2e7), 'crosshead': (1e-3, -1e-3, math.nan, 0.0),
+    'strain': (0.01, 0.03, 9e99, 0.02),
+    'stress': (1e7, 3e7, 9e99, 2e7),
+    'crosshead': (1e-3, -1e-3, math.nan, 0.0),
     **dict.fromkeys(('T', 'T_1', 'T_2'), (310.0, 345.0, 9e99, 340.0)),
-}  # fmt: skip
+}
 STRUCTURES['rocker'] = find_structures([EXAMPLE])['rocker'].structure
 TOPICS = (
-    (JointState, 'joint_states'), (JointState, 'wire_states'), (MarkerArray, 'markers'),
+    (JointState, 'joint_states'),
+    (JointState, 'wire_states'),
+    (MarkerArray, 'markers'),
     (DiagnosticArray, '/diagnostics'),
-)  # fmt: skip
+)
 
 
 def values_of(one):

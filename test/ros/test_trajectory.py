@@ -70,14 +70,17 @@ def test_a_stamp_says_when_the_times_start():
     assert follower.Path(trajectory((0.0, 0.1)), 10.0, [0.0, 0.0, 0.0]).at(10.0) == [0.1, 0.0, 0.0]
 
 
-@pytest.mark.parametrize(('message', 'code', 'words'), [
-    (trajectory((1.0, 0.1), joint='beta'), 'INVALID_JOINTS', "joint_names = ['beta']: expected ['alpha']"),
-    (trajectory((1.0, 0.1), (1.0, 0.2)), 'INVALID_GOAL', 'point 2: time_from_start = 1 s'),
-    (trajectory((1.0, 0.1, 0.0), (2.0, 0.2)), 'INVALID_GOAL', 'point 2: expected a position'),
-    (trajectory((1.0,)), 'INVALID_GOAL', 'point 1: expected a position'),
-    (trajectory((1.0, math.nan)), 'INVALID_GOAL', 'point 1: [nan]: expected finite'),
-    (trajectory((1.0, 4.0)), 'INVALID_GOAL', '-3.142 to 3.142 rad'),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ('message', 'code', 'words'),
+    [
+        (trajectory((1.0, 0.1), joint='beta'), 'INVALID_JOINTS', "joint_names = ['beta']: expected ['alpha']"),
+        (trajectory((1.0, 0.1), (1.0, 0.2)), 'INVALID_GOAL', 'point 2: time_from_start = 1 s'),
+        (trajectory((1.0, 0.1, 0.0), (2.0, 0.2)), 'INVALID_GOAL', 'point 2: expected a position'),
+        (trajectory((1.0,)), 'INVALID_GOAL', 'point 1: expected a position'),
+        (trajectory((1.0, math.nan)), 'INVALID_GOAL', 'point 1: [nan]: expected finite'),
+        (trajectory((1.0, 4.0)), 'INVALID_GOAL', '-3.142 to 3.142 rad'),
+    ],
+)
 def test_what_cannot_be_followed_is_refused(message, code, words):
     with pytest.raises(follower.RefusedError) as refused:
         follower.check(message, 'alpha')

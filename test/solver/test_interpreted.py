@@ -10,9 +10,16 @@ from sma_sim.solver.fixed_rate import simulate_fixed_rate
 STEPS = module_input([0.0, 0.1, 0.5, 1.0, 1.5], [0.0, 12.0, -12.0, 4.0, 0.0])
 LOOP = wire_input([0.0, 0.5, 1.0, 1.5], [0.0, 0.07, 0.01, 0.04], [0.0, 0.3, 0.0, 1.0])
 EVERY_PORT = (
-    'driver_lag', 'resistance_feedback', 'natural_convection', 'ambient_heating', 'latent_heat_scale', 'thermal_expansion',
-    'functional_fatigue', 'polycrystal', 'guide_friction',
-)  # fmt: skip
+    'driver_lag',
+    'resistance_feedback',
+    'natural_convection',
+    'ambient_heating',
+    'latent_heat_scale',
+    'thermal_expansion',
+    'functional_fatigue',
+    'polycrystal',
+    'guide_friction',
+)
 OF_THE_MODULE = ('gravity', 'beam_creep', 'sensor_lag', 'sensor_bias')
 
 

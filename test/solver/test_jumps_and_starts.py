@@ -46,10 +46,12 @@ def found_crossing(monkeypatch, guard, end=1.0, h=0.1, which=0):
 @pytest.mark.parametrize(
     ('guard', 'root'),
     [
-        (lambda s: s - 0.3, 0.3), (lambda s: (s - 0.3) * np.exp(9.0 * s), 0.3), (lambda s: s**9 - 1e-4, 1e-4 ** (1 / 9)),
+        (lambda s: s - 0.3, 0.3),
+        (lambda s: (s - 0.3) * np.exp(9.0 * s), 0.3),
+        (lambda s: s**9 - 1e-4, 1e-4 ** (1 / 9)),
         (lambda s: np.tanh(40.0 * (s - 0.71)), 0.71),
     ],
-)  # fmt: skip
+)
 def test_a_crossing_is_found_from_the_violated_side(monkeypatch, guard, root):
     for end in (1.0, 0.8):
         found, looked = found_crossing(monkeypatch, guard, end)
@@ -114,12 +116,21 @@ def at_rest(mode, x, sigma, s_A=2e8, s_M=1e8):
 def test_a_start_moves_wires_to_modes_that_admit_them():
     p = SimpleNamespace(wires=1, wire=SimpleNamespace(dsigma=1e7), coordinates=2)
     for mode, x, sigma, moved, new_mode, new_x in (
-        (4, 0.4, 2e8, False, 4, 0.4), (4, -0.1, 2e8, True, 3, 0.0), (5, 1.1, 1e8, True, 3, 1.0),
-        (3, 0.4, 1.5e8, False, 3, 0.4), (3, 0.4, 2.1e8, True, 4, 0.4), (3, 0.4, 0.9e8, True, 5, 0.4),
-        (3, 1.0, 2.1e8, False, 3, 1.0), (3, 0.0, 0.9e8, False, 3, 0.0), (3, 0.4, 2e8 + 1e-2, False, 3, 0.4),
-        (3, 0.4, 1e8 - 1e-2, False, 3, 0.4), (4, 0.0, 2e8, False, 4, 0.0), (5, 1.0, 1e8, False, 5, 1.0),
-        (3, 0.4, 2e8 + 2e-2, True, 4, 0.4), (3, 0.4, 1e8 - 2e-2, True, 5, 0.4),
-    ):  # fmt: skip
+        (4, 0.4, 2e8, False, 4, 0.4),
+        (4, -0.1, 2e8, True, 3, 0.0),
+        (5, 1.1, 1e8, True, 3, 1.0),
+        (3, 0.4, 1.5e8, False, 3, 0.4),
+        (3, 0.4, 2.1e8, True, 4, 0.4),
+        (3, 0.4, 0.9e8, True, 5, 0.4),
+        (3, 1.0, 2.1e8, False, 3, 1.0),
+        (3, 0.0, 0.9e8, False, 3, 0.0),
+        (3, 0.4, 2e8 + 1e-2, False, 3, 0.4),
+        (3, 0.4, 1e8 - 1e-2, False, 3, 0.4),
+        (4, 0.0, 2e8, False, 4, 0.0),
+        (5, 1.0, 1e8, False, 5, 1.0),
+        (3, 0.4, 2e8 + 2e-2, True, 4, 0.4),
+        (3, 0.4, 1e8 - 2e-2, True, 5, 0.4),
+    ):
         state, obs = at_rest([mode], [x], [sigma])
         assert move_to_admitted(state, p, obs) == moved and state.mode[0] == new_mode
         assert (new_mode != 3 or not moved) or state.x_frozen[0] == new_x
@@ -132,9 +143,13 @@ def test_a_start_moves_wires_to_modes_that_admit_them():
     state, obs = at_rest([4, 5], [0.4, 0.6], [2e8, 1e8])
     assert run_to_end(state, p) and state.x_frozen.tolist() == [1.0, 0.6]
     for modes, sigma, on_edge in (
-        ((4, 5), (2e8, 1e8), True), ((4, 5), (2e8 + 20.0, 1e8), False), ((4, 5), (2e8, 1e8 - 20.0), False),
-        ((4, 5), (2e8 + 10.0, 1e8), True), ((4, 5), (2e8, 1e8 + 20.0), False), ((3, 1), (0.0, 0.0), True),
-    ):  # fmt: skip
+        ((4, 5), (2e8, 1e8), True),
+        ((4, 5), (2e8 + 20.0, 1e8), False),
+        ((4, 5), (2e8, 1e8 - 20.0), False),
+        ((4, 5), (2e8 + 10.0, 1e8), True),
+        ((4, 5), (2e8, 1e8 + 20.0), False),
+        ((3, 1), (0.0, 0.0), True),
+    ):
         state, obs = at_rest(modes, [0.4, 0.6], sigma)
         assert at_transformation_stress(state, p, obs) == on_edge
     forget_pose(state, p, obs)

@@ -31,11 +31,18 @@ def residuals(method, u_weights, theta=1.0):
     """Order conditions of orders 1, 2, 3, 3, 4, 4, 4, 4 at a fraction of the step (Hairer and Wanner, table IV.7.1)."""
     alpha, beta, Gamma = untransformed(method)
     b, a_i, b_i = u_weights @ Gamma, alpha.sum(1), beta.sum(1)
-    return np.array([
-        b.sum() - theta, b @ b_i - theta**2 / 2, b @ a_i**2 - theta**3 / 3, b @ beta @ b_i - theta**3 / 6,
-        b @ a_i**3 - theta**4 / 4, b @ (a_i * (alpha @ b_i)) - theta**4 / 8, b @ beta @ a_i**2 - theta**4 / 12,
-        b @ beta @ beta @ b_i - theta**4 / 24,
-    ])  # fmt: skip
+    return np.array(
+        [
+            b.sum() - theta,
+            b @ b_i - theta**2 / 2,
+            b @ a_i**2 - theta**3 / 3,
+            b @ beta @ b_i - theta**3 / 6,
+            b @ a_i**3 - theta**4 / 4,
+            b @ (a_i * (alpha @ b_i)) - theta**4 / 8,
+            b @ beta @ a_i**2 - theta**4 / 12,
+            b @ beta @ beta @ b_i - theta**4 / 24,
+        ]
+    )
 
 
 @pytest.mark.parametrize('method', METHODS, ids=lambda method: method.name)

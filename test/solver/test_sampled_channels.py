@@ -20,11 +20,19 @@ STRETCH = wire_input([0.0, 4.0, 8.0], [0.0, 0.05, 0.01], [0.0, 0.2, 0.0])
 TIMES = np.linspace(0.0, 8.0, 41)
 SELECTIONS = {
     'module': (
-        ('alpha',), ('U_y', 'U_x'), ('F_1',), ('F_2',), ('F_2', 'F_1', 'alpha'), ('T_2',), ('T_1', 'F_1'), CHANNELS[:7],
-        ('R_2',), ('R_1', 'alpha'),
+        ('alpha',),
+        ('U_y', 'U_x'),
+        ('F_1',),
+        ('F_2',),
+        ('F_2', 'F_1', 'alpha'),
+        ('T_2',),
+        ('T_1', 'F_1'),
+        CHANNELS[:7],
+        ('R_2',),
+        ('R_1', 'alpha'),
     ),
     'wire': (('stress',), ('T',), ('T', 'stress'), ('R',), ('R', 'stress')),
-}  # fmt: skip
+}
 EFFECTS = find_effects()
 DEFAULTS = {name: tuple(p.default for p in found.effect.parameters) for name, found in EFFECTS.items()}
 

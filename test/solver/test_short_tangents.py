@@ -151,9 +151,9 @@ def test_tangents_of_a_structure_are_exact_where_its_run_is():
     model, start, source = lever.moved('row', 0.0)
     found = simulate_with_tangents(model, source, lever.times, start, lever.channels, beside, DELTA)
     assert [jump.wire for jump in found.trajectory.jumps] == [1, 2, 2] and found.trajectory.completed
-    expected = np.array([
-        (lever.samples(what, 3e-4) - lever.samples(what, -3e-4)) / 6e-4 for what in ('stiffness', 'start', 'row')
-    ])  # fmt: skip
+    expected = np.array(
+        [(lever.samples(what, 3e-4) - lever.samples(what, -3e-4)) / 6e-4 for what in ('stiffness', 'start', 'row')]
+    )
     assert (np.abs(found.tangents - expected).max(axis=2) < 1e-3 * np.abs(expected).max(axis=2)).all()
 
 

@@ -81,10 +81,34 @@ def test_event_times_converge_with_the_tolerance():
 
 def test_guard_crossed_to_and_fro_within_a_step():
     """Wire 2 transforms for 0.1 s only, near the end of a long quiet stretch: no tolerance may step over that."""
-    times = [0, 5.38237517, 9.58753958, 27.32753845, 29.37149281, 37.22498928, 40.15974847, 52.3999174, 55.14444864,
-             58.2390028, 61.51808289, 70]  # fmt: skip
-    J_eq = [-6.5048683, 9.73446432, 7.37845141, -11.19555755, 9.19046804, 9.93753326, -9.66522649, 3.80843996,
-            -9.09769135, -7.69521864, -0.17982734, 0]  # fmt: skip
+    times = [
+        0,
+        5.38237517,
+        9.58753958,
+        27.32753845,
+        29.37149281,
+        37.22498928,
+        40.15974847,
+        52.3999174,
+        55.14444864,
+        58.2390028,
+        61.51808289,
+        70,
+    ]
+    J_eq = [
+        -6.5048683,
+        9.73446432,
+        7.37845141,
+        -11.19555755,
+        9.19046804,
+        9.93753326,
+        -9.66522649,
+        3.80843996,
+        -9.09769135,
+        -7.69521864,
+        -0.17982734,
+        0,
+    ]
     for rtol in (1e-4, 1e-5, 1e-9):
         log = simulate(make_model(solver__rtol=rtol), module_input(times, J_eq), np.array([0.0])).jumps
         short = [(jump.source, jump.target) for jump in log if jump.wire == 2 and 59.0 < jump.t < 59.2]

@@ -135,9 +135,15 @@ def test_inputs_that_are_none():
     times, values = np.array([0.0, 1.0]), np.zeros((2, 2))
     assert Input(times, values, (False, False)).names == ()
     for wrong in (
-        (times, values[:, :1]), (times, values[:1]), (times[None, :], values), (times[:0], values[:0]),
-        (np.zeros(2), values), (times[::-1], values), (np.array([0.0, np.inf]), values), (times, values + np.nan),
-    ):  # fmt: skip
+        (times, values[:, :1]),
+        (times, values[:1]),
+        (times[None, :], values),
+        (times[:0], values[:0]),
+        (np.zeros(2), values),
+        (times[::-1], values),
+        (np.array([0.0, np.inf]), values),
+        (times, values + np.nan),
+    ):
         with pytest.raises(ValueError, match='input: '):
             Input(*wrong, (False, False))
 

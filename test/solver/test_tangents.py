@@ -168,10 +168,16 @@ def on_benches(kinetics):
         shown = {'stress': run['stress_Pa'] + 1e6, 'R': run['R_ohm']}
         runs.append(
             Recording(
-                f'on {structure.name}', structure.name, times, shown, source, exact_commands=True,
-                zero_std={'stress': 1e6}, drift_std={'stress': 2e6},
+                f'on {structure.name}',
+                structure.name,
+                times,
+                shown,
+                source,
+                exact_commands=True,
+                zero_std={'stress': 1e6},
+                drift_std={'stress': 2e6},
             )
-        )  # fmt: skip
+        )
     return runs
 
 
