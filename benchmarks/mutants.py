@@ -46,40 +46,36 @@ ESTIMATION = 'sma_sim/evidence/estimation'
 ROOMS = ('sma_sim/solver', 'sma_sim/model', ESTIMATION)
 PLAIN, NATIVE, FITS = 'plain', 'native', 'fits'  # how tests run: as plain Python, as native code, those of estimation
 TESTS = {
-    PLAIN: (
-        'closed_forms', 'effect_equations', 'material', 'paper_equations', 'effects', 'conservation', 'energy',
-        'order', 'solver', 'messages', 'init', 'optional_packages', 'fields_read', 'structures', 'own_structures',
-        'effects_on_structures', 'scopes', 'stack', 'robot_description', 'drawing', 'step_equations', 'docs', 'stalls',
-        'tangents', 'series', 'sampled_channels', 'beyond_the_module', 'step_control', 'structure_parts', 'jumps_and_starts',
-        'runs_in_pieces', 'untrusted_data', 'flow_parts', 'short_tangents', 'solver_parts', 'compile',
-        'paper_parts', 'single_steps', 'ends_and_starts',
-    ),
-    NATIVE: (
-        'solver', 'order', 'conservation', 'energy', 'hard_cases', 'effects_module', 'effects_wire', 'memory',
-        'effects', 'live', 'reference', 'interpreted', 'closed_forms', 'effect_equations', 'compile', 'stalls',
-        'fields_read', 'sampled_channels', 'material', 'paper_equations', 'structures', 'own_structures',
-        'effects_on_structures', 'stack', 'messages', 'init', 'plot', 'packaging', 'paper', 'untrusted_data',
-        'optional_packages', 'robot_description', 'recordings', 'scopes', 'runs_in_pieces', 'step_equations', 'docs',
-        'tangents', 'series', 'beyond_the_module', 'structure_runs', 'drawing', 'trajectory', 'step_control',
-        'structure_parts', 'jumps_and_starts', 'bench', 'flow_parts', 'short_tangents', 'solver_parts', 'paper_parts',
-        'single_steps', 'ends_and_starts',
-    ),
-    FITS: (
-        'fit_parts', 'jitter', 'noise', 'uncertainty', 'calibrate', 'many_runs', 'fit_command', 'paper_calibration',
-        'compare', 'run_estimates', 'plausibility', 'repeatability', 'scopes', 'characterization', 'bench', 'nuisances',
-        'further_channels', 'residuals', 'resistance', 'tangents', 'verdict_text', 'estimation_parts',
-        'differing_recordings', 'latent', 'next', 'variants',
-        'recordings', 'beyond_the_module', 'inseparable', 'diagnose_data', 'minimization', 'fit_statistics',
-        'curve_features', 'recordings_in_fits', 'runs_left_out',
-    ),
-}  # fmt: skip
+    PLAIN: '''
+        closed_forms effect_equations material paper_equations effects conservation energy order solver messages
+        init optional_packages fields_read structures own_structures effects_on_structures scopes stack
+        robot_description drawing step_equations docs stalls tangents series sampled_channels beyond_the_module
+        step_control structure_parts jumps_and_starts runs_in_pieces untrusted_data flow_parts short_tangents
+        solver_parts compile paper_parts single_steps ends_and_starts
+    ''',
+    NATIVE: '''
+        solver order conservation energy hard_cases effects_module effects_wire memory effects live reference
+        interpreted closed_forms effect_equations compile stalls fields_read sampled_channels material
+        paper_equations structures own_structures effects_on_structures stack messages init plot packaging paper
+        untrusted_data optional_packages robot_description recordings scopes runs_in_pieces step_equations docs
+        tangents series beyond_the_module structure_runs drawing trajectory step_control structure_parts
+        jumps_and_starts bench flow_parts short_tangents solver_parts paper_parts single_steps ends_and_starts
+    ''',
+    FITS: '''
+        fit_parts jitter noise uncertainty calibrate many_runs fit_command paper_calibration compare run_estimates
+        plausibility repeatability scopes characterization bench nuisances further_channels residuals resistance
+        tangents verdict_text estimation_parts differing_recordings latent next variants recordings
+        beyond_the_module inseparable diagnose_data minimization fit_statistics curve_features recordings_in_fits
+        runs_left_out
+    ''',
+}
 # Runs that take long as plain Python.
-SLOW_AS_PYTHON = (
-    'over_a_run', 'over_random_runs', 'second_law_over', 'does_not_jump', 'jumps_keep', 'leaves_out', 'random_commands',
-    'runs_in_every_system', 'sensor_lag', 'accumulates', 'edited', 'convection_cools', 'wrong_effect_files', 'order_of',
-    'samples_between', 'measured_order', 'follows_the', 'between_steps', 'converge_with', 'to_and_fro', 'hours', 'pulses',
-    'switching_ends', 'ringing', 'many_steps', 'keeps_its_order', 'is_continued', 'radau', 'random_runs',
-)  # fmt: skip
+SLOW_AS_PYTHON = '''
+    over_a_run over_random_runs second_law_over does_not_jump jumps_keep leaves_out random_commands
+    runs_in_every_system sensor_lag accumulates edited convection_cools wrong_effect_files order_of samples_between
+    measured_order follows_the between_steps converge_with to_and_fro hours pulses switching_ends ringing many_steps
+    keeps_its_order is_continued radau random_runs
+'''
 LONGEST, MAX_FILE = 10.0, 40.0  # [s] of a test that mutants run, and of all tests of a file, with coverage
 OF_DECLARATIONS = 'test_parameters_are_those_of_the_declarations'  # reads what every file declares
 MAX_WAITING = 2.0  # times its processor time, which a mutant may take on the clock
@@ -202,8 +198,10 @@ def way_of(mutant: Mutant, native: bool) -> str:
 
 def words_of(way: str, root: Path) -> list[str]:
     """Arguments of pytest that name all tests that may run this way."""
-    files = [str(file.relative_to(root)) for name in TESTS[way] for file in (root / 'test').glob(f'*/test_{name}.py')]
-    return [*files, '-k', f'not ({" or ".join(SLOW_AS_PYTHON)})'] if way == PLAIN else files
+    files = [
+        str(file.relative_to(root)) for name in TESTS[way].split() for file in (root / 'test').glob(f'*/test_{name}.py')
+    ]
+    return [*files, '-k', f'not ({" or ".join(SLOW_AS_PYTHON.split())})'] if way == PLAIN else files
 
 
 def copied(folder: Path) -> Path:
@@ -296,8 +294,12 @@ def waited(fork: Fork) -> tuple[str, str]:
 def record_of(mutant: Mutant, way: str, result: tuple[str, str], seconds: float) -> dict[str, Any]:
     """A line of the results."""
     return asdict(mutant) | {
-        'key': mutant.key, 'way': way, 'outcome': result[0], 'by': result[1], 'seconds': round(seconds, 1)
-    }  # fmt: skip
+        'key': mutant.key,
+        'way': way,
+        'outcome': result[0],
+        'by': result[1],
+        'seconds': round(seconds, 1),
+    }
 
 
 def results_in(file: Path) -> dict[str, dict[str, Any]]:
