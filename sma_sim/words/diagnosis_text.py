@@ -24,7 +24,7 @@ from sma_sim.words.proposed_equation import describes, error_number, proposed_te
 from sma_sim.words.set_up import set_up_sentences
 
 NOTHING_MISSING = 'These data show no sign of a missing effect.'
-NOTHING_MISSING_BUT = 'Nothing is missing in the model. What differs from recording to recording: {what}.'
+NOTHING_MISSING_BUT = 'These data show no sign of a missing effect. What differs from recording to recording: {what}.'
 NOTHING_FOUND = 'No known effect explains more, and yet something is probably missing.'
 BENT_NOMINAL = 'The fit without further effects left the plausible range, as where something is missing: {parameters}.'
 SET_UP_FIRST = 'The set-up has to be mended first; no effect was searched for.'

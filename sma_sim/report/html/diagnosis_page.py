@@ -94,7 +94,7 @@ def held_out_blocks(diagnosis: Diagnosis) -> list[Block]:
         for name, found in diagnosis.by_held_out_run.items()
     ]
     return [
-        Table(('without', 'what is missing', 'error over noise of that run'), rows, 'If another run were held out'),
+        Table(('without', 'what is missing', 'normalized RMSE of that run'), rows, 'If another run were held out'),
         Paragraph(HELD_OUT_NOTE, 'note'),
     ]
 
