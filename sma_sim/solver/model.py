@@ -44,7 +44,7 @@ class Model:
     def __post_init__(self) -> None:
         expect('config', self.config, Config)
 
-    @property
+    @cached_property
     def structure(self) -> Structure:
         """What the wires pull on."""
         return self.config.structure.structure

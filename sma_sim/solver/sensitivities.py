@@ -55,11 +55,14 @@ class Sensitivities:
         Derivatives of the samples in the unknowns.
     slopes : array (channels, k)
         Derivatives of the samples in time [1/s].
+    smoothed : bool
+        Whether rows of the input were taken together: else the run is, to the last bit, the one that `simulate` makes.
     """
 
     trajectory: Trajectory
     tangents: NDArray[np.float64]
     slopes: Matrix
+    smoothed: bool = False
 
 
 def padded(count: int) -> int:
@@ -185,6 +188,7 @@ def simulate_with_tangents(
     shifts = np.pad(shifts, ((0, len(times) - len(shifts)), (0, 0)))
     numbers, work = sampled_numbers(channels, model.structure), new_work(model)
     lines = smoothed(model, times, values, slopes, shifts)
+    is_smoothed = lines is not None
     if lines is not None:
         shifts, work = np.zeros((len(lines.times), shifts.shape[1])), work._replace(u=np.zeros(lines.values.shape[1]))
     else:
@@ -222,4 +226,4 @@ def simulate_with_tangents(
             found[j] += later * slopes
     if not np.array_equal(seen, asked):
         slopes = slopes * ((seen_at(model, asked + PACE_STEP, begin) - seen) / PACE_STEP)[:count]
-    return Sensitivities(made, found, slopes)
+    return Sensitivities(made, found, slopes, is_smoothed)

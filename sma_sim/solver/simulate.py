@@ -57,6 +57,7 @@ from sma_sim.solver.trajectory import Trajectory as Trajectory
 from sma_sim.solver.work import Work
 
 Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
 
 
 class SimulationError(UserError):
@@ -241,6 +242,25 @@ def simulate(
         except KeyboardInterrupt:
             reason = STOPPED
     return trajectory(model, log, asked, run, reason, notes, source)
+
+
+def sampled_channels(
+    model: Model, source: Input, times: Vector, channels: Sequence[str], max_steps: int, begin: Run, work: Work
+) -> Matrix:
+    """What sensor channels show at times (k,) [s], as (k, channels): what `simulate` samples, without names and notes.
+
+    For fits, which make thousands of runs: nothing is checked, `begin`, the state in which the run begins, becomes that in
+    which it ends, and `work` is scratch memory. Raises SimulationError where the run does not come to its end.
+    """
+    seen = seen_at(model, times, float(source.times[0]))
+    stretches = InputStretches(*held_until(segments(source), seen), model.uses_time)
+    log = new_log(model, seen, sampled_numbers(channels, model.structure))
+    limits, compiled = Limits(np.inf, max_steps, stall_step(model)), own_scratch(model.compiled)
+    status = package_compiler().function(integrate)(stretches, begin, compiled, work, limits, log)
+    if status != COMPLETED:
+        end = times[: int(log.written[0])][-1:].sum()
+        raise SimulationError(f'the run ended after {end:g} s: {stop_reason(status, model, begin)}')
+    return log.samples
 
 
 def check_columns(structure: Structure, source: Input) -> None:

@@ -9,7 +9,9 @@ from simulated_data import NOISE, command, config, recording, scaled
 
 from sma_sim import Model, Nuisance, Recording, UserError, module_input, predict, simulate, wire_input
 from sma_sim.evidence.data.tables import read_columns
+from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.evidence.estimation.residuals import error_over_noise, fit_data, most_steps, weighted_residuals
+from sma_sim.evidence.estimation.run_tangents import TangentTask, linearized_by_tangents
 from sma_sim.model.material import sigma_A, sigma_M
 from sma_sim.model.parameters import wire_constants
 from sma_sim.solver.simulate import SimulationError
@@ -23,6 +25,20 @@ def test_prediction_is_the_simulation():
     shown = predict(truth, run)
     for name, measured in run.channels.items():
         np.testing.assert_allclose(shown[name], measured, rtol=1e-12)
+
+
+@pytest.mark.parametrize('model', ['hybrid', 'mas'])
+@pytest.mark.parametrize('step_limited', [False, True])
+def test_residuals_are_those_of_the_prediction(model, step_limited):
+    """To the last bit, of a run, and of one that gives tangents where these need no other tolerance."""
+    truth, nuisance = config(model), Nuisance(0.03, (0.2, 0.7))
+    run = fit_data(recording(truth, command(1), noise=1.0), NOISE, step_limited=step_limited)
+    shown = predict(truth, run, nuisance)
+    expected = (np.array([shown[name] for name in run.channels]) - run.measured) * run.weight
+    assert np.array_equal(weighted_residuals(truth, run, nuisance), expected)
+    point = PickledConfig(truth), nuisance
+    found = linearized_by_tangents(TangentTask(run, point, (point,), -1, 0.0, ()))
+    assert found is not None and np.array_equal(found[0], expected)
 
 
 @pytest.mark.parametrize('delay', [0.03, 0.5])

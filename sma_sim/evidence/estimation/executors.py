@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
@@ -17,6 +17,7 @@ from sma_sim.model.config import Config, folders_of
 from sma_sim.model.effects.discovery import ActiveEffect, effects_on, find_effects
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import find_structures
+from sma_sim.solver.model import Model
 
 Result = TypeVar('Result')
 Task = TypeVar('Task')
@@ -27,6 +28,16 @@ class PickledConfig:
     """A configuration that can be sent to another process: effects travel by name, not as functions."""
 
     config: Config
+    _models: dict[tuple[str, float], Model] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def model(self, bench: str = '', looser: float = 1.0) -> Model:
+        """The model on a bench (empty: that of the configuration), at so many times its solver.rtol: one for all runs."""
+        if (bench, looser) not in self._models:
+            config = self.config.on_bench(bench) if bench else self.config
+            if looser != 1.0:
+                config = config.variant({'solver.rtol': looser * config.parameters['solver.rtol']})
+            self._models[bench, looser] = Model(config)
+        return self._models[bench, looser]
 
     def __reduce__(self) -> tuple[Any, ...]:
         config = self.config

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cholesky
+from scipy.linalg import LinAlgError, cho_solve, cholesky, solve_triangular
 from scipy.optimize import lsq_linear
 
 from sma_sim.evidence.estimation.fit_result import FitResult
@@ -118,7 +118,10 @@ def bounded_step(gradient: Vector, hessian: Matrix, damping: float, low: Vector,
     """The step that minimises the damped quadratic model within bounds (low < 0 < high, or equal)."""
     damped = hessian + damping * np.eye(len(gradient))
     factor = cholesky(damped, lower=False)
-    target = -np.linalg.solve(factor.T, gradient)
+    free: Vector = -cho_solve((factor, False), gradient)
+    if np.all((free >= low) & (free <= high)):
+        return free
+    target = -solve_triangular(factor, gradient, trans='T')
     step: Vector = lsq_linear(factor, target, (np.minimum(low, -1e-12), np.maximum(high, 1e-12)), method='bvls').x
     return np.clip(step, low, high)
 

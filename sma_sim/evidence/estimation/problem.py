@@ -153,7 +153,7 @@ def evaluate(task: EvaluationTask) -> list[Matrix | None]:
     found: list[Matrix | None] = []
     for pickled, nuisance in task.points:
         try:
-            residuals = weighted_residuals(pickled.config, task.run, nuisance)
+            residuals = weighted_residuals(pickled.model(task.run.bench), task.run, nuisance)
             found.append(residuals if np.isfinite(residuals).all() else None)
         except SimulationError:
             found.append(None)
@@ -196,10 +196,11 @@ def linearized_in_turn(
     problem: Problem, z: Vector, executor: Executor, steps: Vector | None = None, central: bool = False
 ) -> Iterator[LinearizedRun]:
     """As `linearize`, one run after the other: derivatives of many runs would not fit into the memory at once."""
-    indices, config = problem.indices(), problem.fitted(z)
-    has_tangents = [tangents_apply(config, run) for run in problem.runs]
+    indices, config = problem.indices(), PickledConfig(problem.fitted(z))
+    has_tangents = [tangents_apply(config.config, run) for run in problem.runs]
+    moved = moved_configs(problem, z) if any(has_tangents) else []
     tasks = (
-        tangent_task(problem, z, run, at)
+        tangent_task(problem, z, run, at, config, moved)
         for run, at, applies in zip(problem.runs, indices, has_tangents, strict=True)
         if applies
     )
@@ -214,18 +215,27 @@ def linearized_in_turn(
             yield replace(other, indices=at)
 
 
-def tangent_task(problem: Problem, z: Vector, run: FitData, indices: NDArray[np.int64]) -> TangentTask:
-    """What linearises one run at z."""
+def moved_configs(problem: Problem, z: Vector) -> list[PickledConfig]:
+    """The configurations with each free parameter in turn moved by DELTA, which all runs share."""
+    return [PickledConfig(problem.fitted(at)) for at in z + DELTA * np.eye(len(problem.free), len(z))]
+
+
+def tangent_task(
+    problem: Problem,
+    z: Vector,
+    run: FitData,
+    indices: NDArray[np.int64],
+    config: PickledConfig,
+    moved: Sequence[PickledConfig],
+) -> TangentTask:
+    """What linearises one run at z, `config` being that at z, and `moved` those beside it."""
     part, (low, high), free = z[indices], problem.limits(), len(problem.free)
-    moved = part + DELTA * np.eye(len(part))
-    own, nuisances = PickledConfig(problem.fitted(part)), [problem.nuisance(run, at) for at in moved]
+    nuisances = [problem.nuisance(run, at) for at in part + DELTA * np.eye(len(part))]
+    configs = (*moved, *[config] * (len(part) - free))
     return TangentTask(
         run,
-        (own, problem.nuisance(run, part)),
-        (
-            *((PickledConfig(problem.fitted(at)), one) for at, one in zip(moved[:free], nuisances[:free], strict=True)),
-            *((own, one) for one in nuisances[free:]),
-        ),
+        (config, problem.nuisance(run, part)),
+        tuple(zip(configs, nuisances, strict=True)),
         free if problem.delay is None else -1,
         DELAY.scale,
         tuple(np.flatnonzero(low[indices] == high[indices]).tolist()),

@@ -20,7 +20,7 @@ from sma_sim.solver.effect_table import channel_scales
 from sma_sim.solver.inputs import Input, inputs_at
 from sma_sim.solver.integrate import Run
 from sma_sim.solver.model import Model
-from sma_sim.solver.simulate import SimulationError, Trajectory, simulate
+from sma_sim.solver.simulate import SimulationError, Trajectory, copy_of_run, new_run, new_work, sampled_channels, simulate
 
 Vector = NDArray[np.float64]
 ZERO_STDS = 4.0  # of its prior, within which a zero of a recording lies: beyond, something else is missing
@@ -340,15 +340,29 @@ def planned_run(run: FitData, nuisance: Nuisance) -> tuple[Input, Vector, NDArra
     return source, asked, np.maximum(np.arange(len(times)) - early + 1, 0)
 
 
-def weighted_residuals(config: Config, run: FitData, nuisance: Nuisance | None = None) -> NDArray[np.float64]:
-    """(model - measured)/noise, (channels, k), 0 where a sample is missing. Raises SimulationError."""
-    shown_by = run.on_bench(config).structure.structure.channels
-    absent = [name for name in run.channels if name not in shown_by]
+def weighted_residuals(config: Config | Model, run: FitData, nuisance: Nuisance | None = None) -> NDArray[np.float64]:
+    """(model - measured)/noise, (channels, k), 0 where a sample is missing; a model is on the bench of the run already.
+
+    Raises SimulationError.
+    """
+    model = config if isinstance(config, Model) else Model(run.on_bench(config))
+    absent = [name for name in run.channels if name not in model.structure.channels]
     if absent:
-        raise UserError(f'{run.name}: the model of system {config.system!r} has no channel {absent[0]}')
-    _, trajectory, index = simulated(config, run, nuisance, run.channels)
-    shown = np.array([trajectory[CHANNEL_COLUMNS[name]][index] for name in run.channels])
-    return compared(run, shown, nuisance)
+        raise UserError(f'{run.name}: the model of system {model.config.system!r} has no channel {absent[0]}')
+    return compared(run, shown_by(model, run, nuisance or Nuisance()), nuisance)
+
+
+def shown_by(model: Model, run: FitData, nuisance: Nuisance) -> NDArray[np.float64]:
+    """What the channels of a run show under a model on its bench, (channels, k). Raises SimulationError."""
+    source, asked, index = planned_run(run, nuisance)
+    work = new_work(model)
+    first = np.asarray(source.values[0], float)
+    begin = copy_of_run(model, run.initial_state) if run.initial_state else new_run(model, first, work, nuisance.start)
+    try:
+        samples = sampled_channels(model, source, asked, run.channels, most_steps(source, run.step_limited), begin, work)
+    except SimulationError as error:
+        raise SimulationError(f'{run.name}: {error}') from error
+    return np.ascontiguousarray(samples[index].T)
 
 
 def compared(run: FitData, shown: NDArray[np.float64], nuisance: Nuisance | None) -> NDArray[np.float64]:

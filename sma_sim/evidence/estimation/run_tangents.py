@@ -73,24 +73,28 @@ def linearized_by_tangents(task: TangentTask) -> tuple[Matrix, NDArray[np.float6
 
     None where there are no derivatives, or where the model cannot be run there.
     """
-    config, nuisance = task.point[0].config, task.point[1]
+    run, (config, nuisance) = task.run, task.point
     try:
-        residuals = weighted_residuals(config, task.run, nuisance)
         found = sensitivities_of(task)
+        if found is None or not found.trajectory.completed:
+            return None
+        index = planned_run(run, nuisance)[2]
+        shown = np.array([found.trajectory[CHANNEL_COLUMNS[name]] for name in run.channels])[:, index]
+        is_the_run = looser(run, config.config) == 1.0 and not found.smoothed
+        residuals = (
+            compared(run, shown, nuisance) if is_the_run else weighted_residuals(config.model(run.bench), run, nuisance)
+        )
         beside = {
-            j: (weighted_residuals(moved.config, task.run, there) - residuals) / step for j, step, moved, there in task.apart
+            j: (weighted_residuals(moved.model(run.bench), run, there) - residuals) / step
+            for j, step, moved, there in task.apart
         }
     except SimulationError:
         return None
-    if found is None or not found.trajectory.completed:
-        return None
-    index = planned_run(task.run, nuisance)[2]
-    shown = np.array([found.trajectory[CHANNEL_COLUMNS[name]] for name in task.run.channels])[:, index]
-    tangents = found.tangents[:, :, index]
+    tangents = found.tangents.transpose(2, 1, 0)[index].transpose(2, 1, 0)  # as they lie in memory
     if task.delay >= 0:
         tangents[task.delay] = -task.delay_scale * found.slopes[:, index] * (index > 0)
     tangents[list(task.still)] = 0.0
-    jacobian = np.ascontiguousarray(derivatives(task.run, nuisance, shown, tangents))  # to the same bits from any process
+    jacobian = np.ascontiguousarray(derivatives(run, nuisance, shown, tangents))  # to the same bits from any process
     for j, column in beside.items():
         jacobian[j] = column
     if not np.isfinite(float(np.vdot(residuals, residuals)) + float(np.vdot(jacobian, jacobian))):
@@ -101,14 +105,13 @@ def linearized_by_tangents(task: TangentTask) -> tuple[Matrix, NDArray[np.float6
 def sensitivities_of(task: TangentTask) -> Sensitivities | None:
     """The run with the tangents of all unknowns."""
     run, (pickled, nuisance) = task.run, task.point
-    config = loosened(run, pickled.config)
     source, asked, _ = planned_run(run, nuisance)
-    model = Model(config)
+    model = pickled.model(run.bench, looser(run, pickled.config))
     work = new_work(model)
     initial_state = run.initial_state or started(model, source, nuisance, work)
     neighbours = []
     for other, moved in task.moved:
-        beside = None if other is pickled else Model(loosened(run, other.config))
+        beside = None if other is pickled else other.model(run.bench, looser(run, other.config))
         initial_run, other_source = None, None
         if run.initial_state is None and (beside is not None or moved.start != nuisance.start):
             initial_run = started(beside or model, source, moved, work)
@@ -126,11 +129,9 @@ def started(model: Model, source: Input, nuisance: Nuisance, work: Work) -> Run:
     return initial_run or new_run(model, np.asarray(source.values[0], float), work)
 
 
-def loosened(run: FitData, config: Config) -> Config:
-    """The configuration on the bench of a run, at the tolerance of runs that give tangents."""
-    config = run.on_bench(config)
-    rtol = (1.0 if run.step_limited else LOOSER[config.simulated_kinetics]) * config.parameters['solver.rtol']
-    return config.variant({'solver.rtol': rtol})
+def looser(run: FitData, config: Config) -> float:
+    """By how much the tolerance of a run is looser where it gives tangents."""
+    return 1.0 if run.step_limited else LOOSER[config.simulated_kinetics]
 
 
 def derivatives(run: FitData, nuisance: Nuisance, shown: Matrix, tangents: NDArray[np.float64]) -> NDArray[np.float64]:
