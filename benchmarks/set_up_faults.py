@@ -23,7 +23,7 @@ from cases import add_options, drawn, of, solved
 from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.diagnosis.diagnose import diagnose
-from sma_sim.evidence.set_up.faults import Fault
+from sma_sim.evidence.set_up.faults import Fault, with_command
 from sma_sim.words.set_up import phrases
 
 PLAN = RecordingPlan(3, 40.0, 20.0)
@@ -50,6 +50,8 @@ FAULTS = {
     'U_x in um': Fault('unit', ('U_x',), 1e-6),
     'J_eq in mW': Fault('unit', ('J_eq',), 1e-3),
     'J_eq in kW': Fault('unit', ('J_eq',), 1e3),
+    'commands of run1 and run3 exchanged': Fault('exchanged_commands', ('J_eq',), recordings=('run1', 'run3')),
+    'command of run2 in run1': Fault('copied_command', ('J_eq',), recordings=('run1', 'run2')),
     'time in ms': Fault('unit', ('time',), 1e-3),
     'noise 3 times too small': Fault('noise', ('U_x', 'U_y', 'alpha', *FORCES), 3.0),
     'noise 3 times too large': Fault('noise', ('U_x', 'U_y', 'alpha', *FORCES), 1.0 / 3.0),
@@ -62,9 +64,14 @@ def with_fault(dataset: Dataset, fault: Fault, random: np.random.Generator) -> D
     if fault.kind == 'noise':
         noise = {name: std / (fault.factor if name in fault.quantities else 1.0) for name, std in dataset.noise_std.items()}
         return replace(dataset, noise_std=noise)
+    if fault.kind == 'copied_command':
+        by_name = {one.name: one for one in dataset.recordings}
+        wrong, other = (by_name[name] for name in fault.recordings)
+        copied = {wrong.name: replace(wrong, source=with_command(wrong.source, other.source))}
+        return replace(dataset, recordings=tuple(copied.get(one.name, one) for one in dataset.recordings))
     if fault.kind != 'outliers':
         undone = replace(fault, factor=1.0 / fault.factor)
-        return replace(dataset, recordings=tuple(map(undone.in_recording, dataset.recordings)))
+        return replace(dataset, recordings=undone.in_recordings(dataset.recordings))
     recordings, (channel, size, part) = [], OUTLIERS
     for one in dataset.recordings:
         values = one.channels[channel].copy()
@@ -111,6 +118,8 @@ def table(results: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         yield f'| {name} | {effect or "-"} | {said} | {one["verdict"]} | {effects} | {one["error"]:.2f} |'
     yield ''
     yield f'named: {of(sum(one["named"] for one in results), len(results))}'
+    harmless = sum(not one['invented'] and (one['named'] or not one['missed']) for one in results)
+    yield f'named or without harm, and nothing invented: {of(harmless, len(results))}'
     yield f'an effect or an equation too many: {of(sum(bool(one["invented"]) for one in results), len(results))}'
     hidden = [one for one in results if one['case'][1]]
     yield f'the hidden effect found: {of(sum(not one["missed"] for one in hidden), len(hidden))}'

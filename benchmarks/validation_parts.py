@@ -19,6 +19,7 @@ from other_forms import table as other_form_rows
 from peers import METHODS, NAMING, named_by
 from peers import table as peer_rows
 from recovery import table as recovery_rows
+from set_up_faults import table as set_up_rows
 
 Case = dict[str, Any]
 
@@ -545,6 +546,18 @@ PARTS = (
         table=joined(peer_rows),
         resumable=True,
         share=0.2,
+    ),
+    Part(
+        'set_up_faults',
+        'Faults of the set-up',
+        minutes=25,
+        command=cases('set_up_faults'),
+        text='A sign, exchanged columns or commands, a unit, a noise that is stated wrong, outliers; in all recordings or '
+        'in one, of robots that hide nothing and of robots that hide an effect '
+        '([what is said](../../how-to/diagnose-your-robot.md#when-something-is-wrong-with-the-recordings)).',
+        subject=DIAGNOSIS,
+        table=joined(set_up_rows),
+        resumable=True,
     ),
     Part(
         'invariance',

@@ -12,6 +12,9 @@ def set_up_sentences(faults: Sequence[Fault]) -> Iterator[str]:
     for group in related(faults):
         first, cure = group[0], '; '.join(dict.fromkeys(fault.cure for fault in group))
         others = ', or '.join(phrases(other) for other in first.alternatives)
+        if not first.corrected and not others:
+            yield f'Set-up: {phrases(group)}. Mend it: {cure}.'
+            continue
         if not first.corrected:
             yield f'Set-up: {phrases(group)}, or {others}: these recordings do not say which. Find out and mend it: {cure}.'
             continue

@@ -9,13 +9,17 @@ import numpy as np
 import pytest
 from simulated_data import config, dataset, scaled
 
-from sma_sim import DiagnosisRequest, FitOptions, Recording, diagnose, find_effects
+from sma_sim import DiagnosisRequest, FitOptions, Recording, diagnose, find_effects, module_input, predict
 from sma_sim.evidence.diagnosis.review import reviewed
+from sma_sim.evidence.estimation.levenberg_marquardt import start_point
+from sma_sim.evidence.estimation.problem import residuals_at
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.set_up.check import faults_before_fits, thinned
-from sma_sim.evidence.set_up.faults import Fault, corrected, without_faults
+from sma_sim.evidence.set_up.faults import Fault, corrected, with_command, without_faults
+from sma_sim.evidence.set_up.mistaken_runs import copied_commands, exchanged_commands
 from sma_sim.evidence.set_up.symmetry import symmetries, told_apart
+from sma_sim.solver.inputs import inputs_at
 from sma_sim.words.diagnosis_data import as_data
 from sma_sim.words.diagnosis_text import as_text
 from sma_sim.words.set_up import set_up_sentences
@@ -44,7 +48,7 @@ def with_fault(found, *faults):
     """Recordings as they are read where something is wrong: a sign and an exchange are their own inverses."""
     for fault in faults:
         undone = replace(fault, factor=1.0 / fault.factor)
-        found = replace(found, recordings=tuple(map(undone.in_recording, found.recordings)))
+        found = replace(found, recordings=undone.in_recordings(found.recordings))
     return found
 
 
@@ -76,6 +80,7 @@ FAULTS = [
     Fault('swap', FORCES, recordings=('run3',)),
     Fault('unit', ('alpha',), np.pi / 180.0, 'degrees'),
     Fault('unit', ('time',), 1e-3, 'milliseconds'),
+    Fault('exchanged_commands', ('J_eq',), recordings=('run1', 'run3')),
 ]
 FURTHER = [
     Fault('sign', ('alpha',)),
@@ -112,6 +117,60 @@ def test_a_wrong_column_is_found_in_all_recordings_or_in_one(fault, runs):
 @pytest.mark.parametrize('fault', all_of(FAULTS[1:2], [*FAULTS[:1], *FAULTS[2:], *FURTHER]), ids=lambda fault: fault.words)
 def test_a_wrong_column_is_found_beside_a_hidden_effect(fault, with_gravity):
     assert in_words(faults_in(with_fault(with_gravity, fault))) == [fault.words]
+
+
+def test_commands_go_round_three_recordings(runs):
+    fault = Fault('exchanged_commands', ('J_eq',), recordings=('run1', 'run2', 'run3'))
+    back = replace(fault, recordings=fault.recordings[::-1])
+    wrong = replace(runs, recordings=back.in_recordings(runs.recordings))
+    problem = thinned(wrong, config('hybrid'), OPTIONS)
+    with ThreadPoolExecutor(2) as pool:
+        residuals = residuals_at(problem, start_point(problem), pool)
+    (found,) = exchanged_commands(problem, residuals)
+    assert found.words == 'run1 has the command of run2, run2 has the command of run3 and run3 has the command of run1'
+    for one, other in zip(found.in_recordings(wrong.recordings), runs.recordings, strict=True):
+        np.testing.assert_array_equal(one.source.values, other.source.values)
+
+
+def test_an_exchanged_command_leaves_the_ambient_temperature_that_was_measured():
+    cool, warm = (
+        module_input([0.0, 2.0, 8.0], [0.0, power, 0.0], T_E) for power, T_E in ((3.0, 290.0), (5.0, [300, 301, 302]))
+    )
+    times, found = [0.0, 1.0, 2.0, 7.0, 8.0], with_command(cool, warm)
+    assert inputs_at(found, times)['J_eq_W'].tolist() == [0.0, 0.0, 5.0, 5.0, 0.0]
+    assert inputs_at(found, times)['T_E_K'].tolist() == [290.0] * 5
+    assert inputs_at(with_command(warm, cool), times)['T_E_K'].tolist() == [300.0, 300.0, 301.0, 301.0, 302.0]
+
+
+@pytest.mark.parametrize('name', ['runs', 'with_gravity'])
+def test_a_command_that_belongs_to_another_recording_is_named_and_nothing_is_searched_for(name, request):
+    found = request.getfixturevalue(name)
+    first, second, third = found.recordings
+    wrong = replace(found, recordings=(replace(first, source=third.source), second, third))
+    (fault,) = faults_in(wrong)
+    assert fault.words == 'run1 has the command of run3, not its own' and not fault.corrected
+    (sentence,) = set_up_sentences([fault])
+    assert (
+        sentence == 'Set-up: run1 has the command of run3, not its own. Mend it: give run1 its own command, or leave it out.'
+    )
+
+
+def test_repeated_commands_are_no_fault(runs):
+    """A wire that gets no power in a repetition is another thing."""
+    first, second, third = runs.recordings
+    again = replace(first, name='run4')
+    with ThreadPoolExecutor(2) as pool:
+        context = SearchContext(pool, Event())
+
+        def copied(*recordings):
+            return copied_commands(thinned(replace(runs, recordings=recordings), config('hybrid'), OPTIONS), context)
+
+        assert copied(first, second, third, again) == []
+        for side in (1, -1):
+            shown = predict(config('hybrid'), replace(first, unpowered_side=side))
+            lost = replace(again, channels={name: shown[name] for name in first.channels})
+            assert copied(first, second, lost) == []
+        assert [one.recordings for one in copied(first, second, replace(third, source=first.source))] == [('run3', 'run1')]
 
 
 @pytest.mark.slow

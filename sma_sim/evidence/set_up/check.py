@@ -33,6 +33,7 @@ from sma_sim.evidence.search.components import catalogue_for
 from sma_sim.evidence.search.refine import SKETCHED, WINDOW, Model, extended, model_of
 from sma_sim.evidence.search.score import SPARSITY, overdispersion_of
 from sma_sim.evidence.set_up.faults import Fault, corrected, faults_of, log_share
+from sma_sim.evidence.set_up.mistaken_runs import are_unexplained, copied_commands, exchanged_commands
 from sma_sim.evidence.set_up.samples import outliers, wrong_noise
 from sma_sim.evidence.set_up.symmetry import as_columns, in_mirror, symmetries, told_apart
 from sma_sim.model.config import Config
@@ -132,6 +133,7 @@ def wrong_columns(dataset: Dataset, config: Config, options: FitOptions, context
     """
     if config.structure.structure.is_quasi_static:
         return ()
+    copied = copied_commands(thinned(dataset, config, options), context)
     steps = list[Step]()
     while len(steps) < MOST_FAULTS and not context.stop.is_set():
         problem = thinned(corrected(dataset, [step.fault for step in steps]), config, options)
@@ -145,6 +147,10 @@ def wrong_columns(dataset: Dataset, config: Config, options: FitOptions, context
     while steps and not steps[-1].leaves_noise and may_be_an_effect(steps[-1], context):
         steps.pop()
     found = [step.fault for step in steps]
+    if copied:
+        unexplained = are_unexplained(thinned(corrected(dataset, found), config, options), context)
+        if still := tuple(fault for fault in copied if unexplained[fault.recordings[0]]):
+            return still
     return told_apart(found, symmetries(thinned(corrected(dataset, found), config, options))) if found else ()
 
 
@@ -156,7 +162,7 @@ def thinned(dataset: Dataset, config: Config, options: FitOptions) -> Problem:
 
 def without_fault(problem: Problem, fault: Fault) -> Problem:
     """The problem of the recordings without a fault."""
-    return replace(problem, runs=tuple(map(fault.in_run, problem.runs)))
+    return replace(problem, runs=fault.in_runs(problem.runs))
 
 
 def proposed(problem: Problem, z: Vector, context: SearchContext) -> list[Proposal]:
@@ -167,7 +173,7 @@ def proposed(problem: Problem, z: Vector, context: SearchContext) -> list[Propos
     before = residuals_at(problem, z, context.pool)
     squares = [inf if rows is None else float(np.vdot(rows, rows)) for rows in before]
     channels = dict.fromkeys(name for run in problem.runs for name in run.channels)
-    faults = list(faults_of(problem.config.structure.structure, tuple(channels)))
+    faults = [*faults_of(problem.config.structure.structure, tuple(channels)), *exchanged_commands(problem, before)]
     found = list[tuple[Fault, float]]()
     for fault in faults:
         if context.stop.is_set():
@@ -180,8 +186,10 @@ def proposed(problem: Problem, z: Vector, context: SearchContext) -> list[Propos
         left = [inf if rows is None else float(np.vdot(rows, rows)) for rows in after]
         nearer = [is_left < was for is_left, was in zip(left, squares, strict=True)]
         names = tuple(run.name for run, is_nearer in zip(problem.runs, nearer, strict=True) if is_nearer)
-        if names:
-            total = sum(min(pair) for pair in zip(left, squares, strict=True))
+        total = sum(min(pair) for pair in zip(left, squares, strict=True))
+        if fault.is_of_runs:
+            found += [(fault, total)] if {*fault.recordings} <= {*names} else []
+        elif names:
             found.append((replace(fault, recordings=() if all(nearer) else names), total))
     least = min((total for _, total in found), default=inf)
     near = [fault for fault, total in found if total <= HOPELESS * least]
@@ -267,7 +275,7 @@ def best_step(problem: Problem, proposals: Sequence[Proposal], context: SearchCo
             break  # no other one leaves less
     if not known or context.stop.is_set():
         return None
-    before = fitted_as_it_is(problem, context, target)
+    before = fitted_as_it_is(problem, context, target, min(model.fit.squares for _, model in known))
     k = min(model.evidence.overdispersion for model in (*(model for _, model in known), *([before] if before else ())))
     known.sort(key=lambda pair: -(pair[1].score(k) + pair[0].log_prior))
     best, after = known[0]
@@ -290,10 +298,20 @@ def fitted(problem: Problem, context: SearchContext, target: float = inf) -> Mod
     return model_of((), run_in_threads(jobs, context.stop), context)
 
 
-def fitted_as_it_is(problem: Problem, context: SearchContext, target: float) -> Model | None:
-    """The nominal model of recordings that seem to have a fault: few steps show whether it comes down to `target` too."""
+def fitted_as_it_is(problem: Problem, context: SearchContext, target: float, least: float) -> Model | None:
+    """The nominal model of recordings that seem to have a fault: few steps show whether it comes down to `target` too.
+
+    None where it does not promise, to first order, to come near the `least` squares that a fault leaves: from there a fit
+    goes to the bounds of all parameters, where a run takes ten times as long.
+    """
+    z = start_point(problem)
+    try:
+        if approximation(problem, linearize(problem, z, context.pool), z).squares > HOPELESS * least:
+            return None
+    except SimulationError:
+        return None
     few = replace(NOMINAL_MODEL, damping=WEAKLY_DAMPED.damping, max_iterations=FEW_STEPS)
-    fit = refit(problem, start_point(problem), context, few, target)
+    fit = refit(problem, z, context, few, target)
     if fit is not None and fit.cost < target:
         return fitted(problem, context)
     return model_of((), [fit], context)

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from math import log, pi
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 
@@ -20,9 +20,10 @@ from sma_sim.evidence.data.train_test_split import pooled
 from sma_sim.evidence.estimation.residuals import FitData
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.model.structures.structure import Structure
-from sma_sim.solver.inputs import Input
+from sma_sim.solver.inputs import Input, inputs_at
 
-Kind = Literal['sign', 'swap', 'unit', 'noise', 'outliers']
+Run = TypeVar('Run', Recording, FitData)
+Kind = Literal['sign', 'swap', 'unit', 'exchanged_commands', 'copied_command', 'noise', 'outliers']
 TIME = 'time'  # what the column of time is called
 SIGNED = ('m', 'rad', 'N', 'Pa', '')  # units of channels that a sensor may count the other way; '' is strain
 OTHER_UNITS = {
@@ -41,13 +42,15 @@ TWICE = ('m', 'rad', 'W', 'Pa')  # units of columns that were converted though t
 
 @dataclass(frozen=True)
 class Fault:
-    """Something that is wrong with some columns.
+    """Something that is wrong with some columns, or with recordings.
 
     Attributes
     ----------
     kind : str
         ``'sign'``: the columns count the other way; ``'swap'``: two columns are exchanged; ``'unit'``: one is in another
-        unit; ``'noise'``: it is stated wrong; ``'outliers'``: single samples of it are far off.
+        unit; ``'exchanged_commands'``: each of the `recordings` has the command of the next one, the last that of the
+        first; ``'copied_command'``: the first of two `recordings` has the command of the second, its own is lost;
+        ``'noise'``: it is stated wrong; ``'outliers'``: single samples of it are far off.
     quantities : tuple of str
         Channels, commands or the time, by their names without units (``'alpha'``, ``'J_eq'``, ``'time'``).
     factor : float
@@ -88,7 +91,12 @@ class Fault:
     @property
     def where(self) -> str:
         """In which recordings, as the end of a sentence."""
-        return f' in {joined(self.recordings)}' if self.recordings else ''
+        return f' in {joined(self.recordings)}' if self.recordings and not self.is_of_runs else ''
+
+    @property
+    def is_of_runs(self) -> bool:
+        """Whether recordings are mistaken for each other."""
+        return self.kind in ('exchanged_commands', 'copied_command')
 
     @property
     def words(self) -> str:
@@ -103,6 +111,12 @@ class Fault:
             return f'{names} {"have" if plural else "has"} the opposite sign'
         if self.kind == 'swap':
             return f'{names} are swapped'
+        if self.kind == 'copied_command':
+            return '{} has the command of {}, not its own'.format(*self.recordings)
+        if self.kind == 'exchanged_commands' and len(self.recordings) == 2:
+            return f'{joined(self.recordings)} have the command of each other'
+        if self.kind == 'exchanged_commands':
+            return joined([f'{name} has the command of {other}' for name, other in self.has_command_of.items()])
         if self.kind == 'noise':
             size = f'{max(self.factor, 1.0 / self.factor):.2g} times too {"small" if self.factor > 1.0 else "large"}'
             return f'the noise of {names} is stated {size}'
@@ -127,13 +141,59 @@ class Fault:
             return f'in a map (--map){files}: {columns[0]}: {{column: {columns[1]}}}; {columns[1]}: {{column: {columns[0]}}}'
         if self.kind in ('sign', 'unit'):
             return f'in a map (--map){files}: {"; ".join(scaled)}'
+        if self.kind == 'exchanged_commands':
+            return 'give each recording its own command'
+        if self.kind == 'copied_command':
+            return 'give {} its own command, or leave it out'.format(*self.recordings)
         if self.kind == 'noise':
             return 'state the noise that the samples show (noise_std in meta.json, --noise), or none at all'
         return 'check the wiring of the sensor'
 
+    @property
+    def has_command_of(self) -> dict[str, str]:
+        """By recording, whose command it has."""
+        return dict(zip(self.recordings, (*self.recordings[1:], *self.recordings[:1]), strict=True))
+
+    def with_holders(self, runs: Sequence[Run]) -> Iterator[tuple[Run, Run]]:
+        """Every run, and the one that has its command."""
+        by_name = {one.name: one for one in runs}
+        holder = {other: name for name, other in self.has_command_of.items()}
+        return ((one, by_name[holder.get(one.name, one.name)]) for one in runs)
+
+    def in_recordings(self, recordings: Sequence[Recording]) -> tuple[Recording, ...]:
+        """All recordings without it: outliers are missing samples then; noise is of a dataset."""
+        if self.kind in ('noise', 'copied_command'):
+            return tuple(recordings)
+        if self.kind != 'exchanged_commands':
+            return tuple(map(self.in_recording, recordings))
+        return tuple(
+            replace(
+                one,
+                source=with_command(one.source, other.source),
+                exact_commands=other.exact_commands,
+                known_changes=other.known_changes,
+            )
+            for one, other in self.with_holders(recordings)
+        )
+
+    def in_runs(self, runs: Sequence[FitData]) -> tuple[FitData, ...]:
+        """All runs of a fit without it; outliers of all samples."""
+        if self.kind != 'exchanged_commands':
+            return tuple(map(self.in_run, runs))
+        return tuple(
+            replace(
+                one,
+                source=with_command(one.source, other.source),
+                changed=other.changed,
+                interval=other.interval,
+                group=other.group,
+            )
+            for one, other in self.with_holders(runs)
+        )
+
     def in_recording(self, recording: Recording) -> Recording:
-        """A recording without it: outliers are missing samples then; noise is of a dataset."""
-        if self.kind == 'noise' or not self.applies_to(recording.name):
+        """A recording without a fault of its own columns."""
+        if not self.applies_to(recording.name):
             return recording
         if self.quantities == (TIME,):
             known = tuple(self.factor * instant for instant in recording.known_changes)
@@ -191,6 +251,17 @@ class Fault:
         measured[at] = measured[at[::-1]] if self.kind == 'swap' else self.multiplier * measured[at]
         weight[at] = weight[at[::-1]] if self.kind == 'swap' else weight[at] / abs(self.multiplier)
         return replace(run, measured=measured, weight=weight)
+
+
+def with_command(source: Input, other: Input) -> Input:
+    """An input with the command of another one, and its own ambient temperature, which was measured."""
+    moved = np.flatnonzero(np.diff(source.values[:, -1]))
+    own = source.times[np.union1d(moved, moved + 1)]
+    times = np.union1d(own[(own > other.times[0]) & (own < other.times[-1])], other.times)
+    command, ambient = inputs_at(other, times), inputs_at(source, np.maximum(times, source.times[0]))
+    values = np.column_stack([command[name] for name in other.columns])
+    values[:, -1] = ambient[source.columns[-1]]
+    return replace(other, times=times, values=values)
 
 
 UNIT_WORDS = {
@@ -261,7 +332,7 @@ def corrected(dataset: Dataset, faults: Sequence[Fault]) -> Dataset:
         if fault.kind == 'noise':
             factors = dict.fromkeys(fault.quantities, fault.factor)
         else:
-            dataset = replace(dataset, recordings=tuple(map(fault.in_recording, dataset.recordings)))
+            dataset = replace(dataset, recordings=fault.in_recordings(dataset.recordings))
             factors = noise_factors(dataset, fault)
         noise = {name: factors.get(name, 1.0) * std for name, std in dataset.noise_std.items()}
         dataset = replace(dataset, noise_std=noise)
