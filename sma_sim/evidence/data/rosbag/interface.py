@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from sma_sim.evidence.data.display_units import ZERO_CELSIUS
 from sma_sim.evidence.data.recording import FIRST
@@ -25,7 +27,9 @@ PAIR_COMMAND, WIRE_COMMAND = 'J_eq', 'J'  # topics of the heating: of an antagon
 SINGLE_CHANNELS = {'stress': 'wire_stresses', 'strain': 'wire_strains'}  # topics of what is measured on a test bench
 RESISTANCES = 'wire_resistances'
 
-Decode = Callable[[Any], Mapping[str, float]]
+Vector = NDArray[np.float64]
+# The columns, (k,) each, of k messages that agree in all but numbers, as `cdr` gives them.
+Decode = Callable[[Any], Mapping[str, Vector]]
 Decoders = Mapping[str, tuple[str, Decode]]  # message type and decoder by topic
 
 
@@ -170,10 +174,10 @@ def joints_decoder(columns: Mapping[str, str], values: str) -> Decode:
         prefix = prefix_of(names, tuple(columns))
         return {prefix + name: column for name, column in columns.items()}
 
-    def decode(message: Any) -> dict[str, float]:
+    def decode(message: Any) -> dict[str, Vector]:
         by_name = prefixed(tuple(message.name))
         read = zip(message.name, getattr(message, values), strict=False)
-        return {by_name[name]: float(value) for name, value in read if name in by_name}
+        return {by_name[name]: value for name, value in read if name in by_name}
 
     return decode
 
@@ -190,8 +194,8 @@ def prefix_of(names: Collection[str], expected: Sequence[str]) -> str:
 def array_decoder(columns: Sequence[str]) -> Decode:
     """Some numbers, one per wire."""
 
-    def decode(message: Any) -> dict[str, float]:
-        return dict(zip(columns, map(float, message.data), strict=False))
+    def decode(message: Any) -> dict[str, Vector]:
+        return dict(zip(columns, message.data, strict=False))
 
     return decode
 
@@ -200,24 +204,26 @@ def heating_decoder(of: Interface) -> Decode:
     """The heating that is asked for; NaN in a message that a robot refuses as a whole."""
     columns, count, signed = of.heating_columns, len(of.commands), of.signed
 
-    def decode(message: Any) -> dict[str, float]:
+    def decode(message: Any) -> dict[str, Vector]:
+        layouts: list[tuple[list[int], int]]
         if of.heating_topic == PAIR_COMMAND:
-            J, sizes, offset = [float(message.data)], [], 0
+            J, layouts = message.data[:, None], [([], 0)] * len(message.data)
         else:
-            J, sizes = list(map(float, message.data)), [dimension.size for dimension in message.layout.dim]
-            offset = message.layout.data_offset
-        if refusal(J, count, signed, sizes, offset):
-            return dict.fromkeys(columns, math.nan)
-        return dict(zip(columns, J, strict=True))
+            J, offsets = message.data.T, message.layout.data_offset
+            sizes = np.array([dimension.size for dimension in message.layout.dim]).reshape(-1, len(J))
+            layouts = list(zip(sizes.T.tolist(), offsets.tolist(), strict=True))
+        pairs = zip(J.tolist(), layouts, strict=True)
+        refused = [bool(refusal(command, count, signed, *layout)) for command, layout in pairs]
+        return {name: np.where(refused, np.nan, J[:, i] if i < J.shape[1] else np.nan) for i, name in enumerate(columns)}
 
     return decode
 
 
 def number_decoder(column: str) -> Decode:
     """One number."""
-    return lambda message: {column: float(message.data)}
+    return lambda message: {column: message.data}
 
 
 def temperature_decoder(column: str) -> Decode:
     """A temperature, in deg C in the message (REP 103)."""
-    return lambda message: {column: float(message.temperature) + ZERO_CELSIUS}
+    return lambda message: {column: message.temperature + ZERO_CELSIUS}

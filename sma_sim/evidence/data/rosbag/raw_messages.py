@@ -49,11 +49,16 @@ class RawMessage(NamedTuple):
 
 @dataclass(frozen=True)
 class Bag:
-    """A bag: where it is, whether it was ended as it should, how it came about (of bags that sma_sim wrote)."""
+    """A bag: where it is, its topics if it was ended as it should, how it came about (of bags that sma_sim wrote)."""
 
     path: Path
-    whole: bool
+    contents: dict[str, tuple[str, int]] | None
     about: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def whole(self) -> bool:
+        """Whether it was ended as it should."""
+        return self.contents is not None
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
         """All messages (of these topics), file by file; as far as they can be read."""
@@ -61,9 +66,8 @@ class Bag:
 
     def topics(self) -> dict[str, tuple[str, int]]:
         """Message type and count by topic."""
-        if self.whole:
-            with Reader(self.path) as reader:
-                return {c.topic: (c.msgtype, c.msgcount) for c in reader.connections}
+        if self.contents is not None:
+            return self.contents
         found: dict[str, tuple[str, int]] = {}
         for message in self.messages():
             found[message.topic] = (message.kind, found.get(message.topic, ('', 0))[1] + 1)
@@ -92,13 +96,13 @@ def open_bag(path: Path) -> Bag:
     if not storage_files(path):
         raise UserError(f'{path} has no file *.mcap or *.db3 in it')
     try:
-        with Reader(path):
-            whole = True
+        with Reader(path) as reader:
+            contents = {c.topic: (c.msgtype, c.msgcount) for c in reader.connections}
     except PermissionError as error:
         raise UserError(f'cannot read {path}: {error.strerror}') from error
     except Exception:  # rosbags meets a broken file with whatever its parsing stumbles over
-        whole = False
-    return Bag(path, whole, provenance_of(path))
+        contents = None
+    return Bag(path, contents, provenance_of(path))
 
 
 def storage_files(path: Path) -> list[Path]:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from sma_sim.evidence.data.rosbag.cdr import decoded_together
 from sma_sim.evidence.data.rosbag.commands import UNLIMITED, CommandLimits, Times, in_force
 from sma_sim.evidence.data.rosbag.interface import (
     APPLIED,
@@ -50,11 +51,11 @@ COMMANDS = tuple(f'{name}{suffix}' for name in (PAIR_COMMAND, WIRE_COMMAND) for 
 
 @dataclass
 class TopicSeries:
-    """The messages of one topic: times [ns] and values by column."""
+    """The messages of one topic: times [ns], stamps [ns] (0: it has none), and values by column, (k,) each."""
 
-    log: list[int] = field(default_factory=list)
-    stamp: list[int] = field(default_factory=list)
-    values: dict[str, list[float]] = field(default_factory=dict)
+    log: Times
+    stamp: Times
+    values: dict[str, Vector] = field(default_factory=dict)
 
 
 def namespaces(bag: Bag) -> list[str]:
@@ -170,26 +171,29 @@ def topic_prefix(bag: Bag, namespace: str | None) -> str:
 
 def read_series(bag: Bag, wanted: Mapping[str, tuple[str, str, Decode]]) -> dict[str, TopicSeries]:
     """What the wanted topics said. Raises UserError for one with another message type."""
-    found: dict[str, TopicSeries] = {}
-    decode_cdr = typestore().deserialize_cdr
+    serialized: dict[str, tuple[list[int], list[bytes]]] = {}
     for topic, kind, log_time, cdr, *_ in bag.messages(wanted):
-        name, expected, decode = wanted[topic]
-        if kind != expected:
-            raise UserError(f'{bag.path}, topic {topic}: expected messages of {expected}, got {kind}')
+        if topic not in serialized:
+            if kind != wanted[topic][1]:
+                raise UserError(f'{bag.path}, topic {topic}: expected messages of {wanted[topic][1]}, got {kind}')
+            serialized[topic] = [], []
+        logs, messages = serialized[topic]
+        logs.append(log_time)
+        messages.append(cdr)
+    found: dict[str, TopicSeries] = {}
+    for topic, (logs, messages) in serialized.items():
+        name, kind, decode = wanted[topic]
+        found[name] = series = TopicSeries(np.array(logs, dtype=np.int64), np.zeros(len(logs), dtype=np.int64))
         try:
-            message = decode_cdr(cdr, kind)
-        except Exception as error:
-            raise UserError(f'{bag.path}, topic {topic}: a message of {len(cdr)} bytes is not a {kind}') from error
-        series = found.setdefault(name, TopicSeries())
-        series.log.append(log_time)
-        header = getattr(message, 'header', None)
-        series.stamp.append(header.stamp.sec * 10**9 + header.stamp.nanosec if header else 0)
-        decoded = decode(message)
-        for column, value in decoded.items():
-            series.values.setdefault(column, [np.nan] * (len(series.log) - 1)).append(value)
-        if len(decoded) < len(series.values):
-            for values in series.values.values():
-                values.extend([np.nan] * (len(series.log) - len(values)))
+            for at, message in decoded_together(messages, kind):
+                if hasattr(message, 'header'):
+                    stamp = message.header.stamp
+                    series.stamp[at] = stamp.sec.astype(np.int64) * 10**9 + stamp.nanosec
+                for column, values in decode(message).items():
+                    series.values.setdefault(column, np.full(len(logs), np.nan))[at] = values
+        except ValueError as error:
+            size = len(messages[error.args[0]])
+            raise UserError(f'{bag.path}, topic {topic}: a message of {size} bytes is not a {kind}') from error
     return found
 
 
@@ -197,10 +201,10 @@ def message_times(
     series: Mapping[str, TopicSeries], ours: bool, measured: Collection[str], notes: list[str]
 ) -> dict[str, NDArray[np.int64]]:
     """When each message counts [ns]; unstamped ones of `measured` topics belong to the stamp next to them."""
-    logs = {name: np.array(topic.log, dtype=np.int64) for name, topic in series.items()}
+    logs = {name: topic.log for name, topic in series.items()}
     if ours:
         return logs
-    stamps = {name: np.array(topic.stamp, dtype=np.int64) for name, topic in series.items() if any(topic.stamp)}
+    stamps = {name: topic.stamp for name, topic in series.items() if topic.stamp.any()}
     if not stamps:
         return logs
     pace = max(stamps, key=lambda name: len(stamps[name]))
@@ -270,7 +274,7 @@ def apply_command_rules(
         words = f'{topic}: no command for node.command_timeout = {limits.timeout:g} s, {len(off)} times'
         notes.append(f'{words}, {first(off)}: heating off until the next one (0: the robot has no timeout)')
     times[topic] = changes
-    asked.values = {column: list(power) for column, power in zip(columns, powers.T, strict=True)}
+    asked.values = dict(zip(columns, powers.T, strict=True))
 
 
 def snapped(times: NDArray[np.int64], stamps: NDArray[np.int64], reach: float) -> NDArray[np.int64]:
@@ -298,7 +302,7 @@ def columns_from_series(
             at = np.searchsorted(every, times[name])
             known = (at < len(every)) & (every[np.minimum(at, len(every) - 1)] == times[name])
             order = slice(None, None, 1 if name in commands else -1)  # at one time: the last command, the first sample
-            filled[at[known][order]] = np.array(values)[known][order]
+            filled[at[known][order]] = values[known][order]
             columns[column] = filled
     for name in (*interface.drives.values(), *interface.heating_columns):
         if name in columns:
