@@ -32,7 +32,7 @@ def test_files_that_cannot_be_read(tmp_path, monkeypatch):
 def test_a_file_of_very_many_columns_is_told_in_short(tmp_path):
     names = ','.join(f'c{k}' for k in range(5000))
     (tmp_path / 'wide.csv').write_text(f'{names}\n{names}\n')
-    with pytest.raises(UserError, match=r'no column time_s, J_eq_W; its columns are c0, .*c39 and 4960 more$'):
+    with pytest.raises(UserError, match=r'no column time_s, J_eq_W .*; its columns are c0, .*c39 and 4960 more$'):
         read_dataset([tmp_path / 'wide.csv'], 'module', 298.0)
 
 

@@ -111,7 +111,7 @@ def test_garbage_after_a_good_header(tmp_path, seed):
 @pytest.mark.parametrize(
     'content',
     [
-        b'', b'\n', b'   \n', b'\xef\xbb\xbf', b'\x00' * 100, TEXT.encode('utf-16'), TEXT.encode('utf-32'),
+        b'', b'\n', b'   \n', b'\xef\xbb\xbf', b'\x00' * 100, TEXT.encode('utf-16-le'), TEXT.encode('utf-32'),
         b'\x1f\x8b\x08\x00' * 50,
         b'\x89PNG\r\n\x1a\n' * 20, b'PK\x03\x04' * 20, b'{"time_s": [0, 1]}', b'time_s,J_eq_W,alpha_rad\n', b',' * 1000,
         b'time_s,J_eq_W,alpha_rad\n0,0,0\n', b'time_s,J_eq_W,alpha_rad\n' + b'1' * 3_000_000, b'a' * 3_000_000,

@@ -12,7 +12,7 @@ from sma_sim.evidence.data.rosbag.run_writer import interface_of_columns
 
 HINTS = [  # missing, header, what a map says of it, what else is to be done
     ('time_s', ['t_ms', 'J_eq_W'], '{column: t_ms, scale: 0.001}', 't_ms multiplied by 0.001'),
-    ('time_s', ['Time [min]'], '{column: Time [min], scale: 60}', 'multiplied by 60'),
+    ('time_s', ['Time [min]'], '{column: "Time [min]", scale: 60}', 'multiplied by 60'),
     ('time_s', ['time'], '{column: time, scale: 1}', 'rename time; the unit is part of the name'),
     ('J_eq_W', ['time_s', 'power_mW'], '{column: power_mW, scale: 0.001}', 'power_mW multiplied by 0.001'),
     ('T_E_K', ['room_C'], '{column: room_C, offset: 273.15}', 'room_C plus 273.15'),

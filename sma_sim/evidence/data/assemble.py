@@ -155,7 +155,7 @@ def session_recording(file: SourceFile, name: str, columns: dict[str, Vector], n
     exact = file.stamped or bool(is_exact.all())
     if not exact:
         notes.append(sampled_command_note(is_exact))
-    merge_equal_times(columns, notes)
+    merge_equal_times(file, columns, notes)
     if len(columns['time_s']) < MIN_SESSION_SAMPLES:
         only = columns['time_s'][0]
         raise UserError(f'{file.path}, column time_s: expected times that increase, got {only:g} in every row')
@@ -301,7 +301,7 @@ def drop_rows_before_input(file: SourceFile, columns: dict[str, Vector], first: 
         columns[name] = columns[name][first:]
 
 
-def merge_equal_times(columns: dict[str, Vector], notes: list[str]) -> None:
+def merge_equal_times(file: SourceFile, columns: dict[str, Vector], notes: list[str]) -> None:
     """One row for each time: the last input, the first measured value of each channel."""
     starts = group_starts(columns['time_s'])
     if starts is None:
@@ -311,10 +311,22 @@ def merge_equal_times(columns: dict[str, Vector], notes: list[str]) -> None:
         if name in CHANNEL_COLUMNS.values():
             columns[name], dropped = first_finite(values, starts)
             repeated = max(repeated, dropped)
+            check_resolution_of_time(file, values, columns[name], starts)
         else:
             columns[name] = last_of_groups(values, starts)
     if repeated:
         notes.append(f'{repeated} samples repeat the time of the one before: dropped')
+
+
+def check_resolution_of_time(file: SourceFile, values: Vector, kept: Vector, starts: NDArray[np.intp]) -> None:
+    """Raise UserError where most samples (k,) would be lost, as they differ from the one that is `kept` of their time."""
+    group = np.searchsorted(starts, np.arange(len(values)), side='right') - 1
+    lost = np.isfinite(values) & (values != kept[group])
+    if 2 * lost.sum() > np.isfinite(values).sum():
+        raise UserError(
+            f'{file.path}, column time_s: expected a time for each sample, got {len(starts)} times in {len(values)} rows: '
+            f'record or export it with its fractions of a second'
+        )
 
 
 def input_from_columns(file: SourceFile, columns: Mapping[str, Vector]) -> Input:

@@ -12,12 +12,11 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.data.table_format import BLOCK_SIZE, MAX_LINE_LENGTH, TableFormat
+from sma_sim.evidence.data.table_format import BLOCK_SIZE, MAX_LINE_LENGTH, MISSING_CELLS, TableFormat
 from sma_sim.evidence.data.workbook import SUFFIX, open_text
 from sma_sim.model.errors import UserError
 
 Vector = NDArray[np.float64]
-MISSING_CELLS = ('', 'nan')
 
 
 @dataclass(frozen=True)
@@ -185,6 +184,18 @@ def cell_number(row: Sequence[str], index: int, name: str, number: int, layout: 
     if np.isnan(value) or np.isinf(value) and not layout.tolerant:
         shown = repr(layout.format.as_written(cell[:40]) or 'nothing')
         decimals = ' with a decimal comma, as the file has them' if layout.format.decimal_comma else ''
-        dates = '; of dates 2026-07-31 21:16:09.05 is read' if ':' in cell else ''
-        raise UserError(f'{layout.path}, row {number}, column {name}: expected a number{decimals}, got {shown}{dates}')
+        raise UserError(
+            f'{layout.path}, row {number}, column {name}: expected a number{decimals}, got {shown}{cure_of(cell, name)}'
+        )
     return value
+
+
+def cure_of(cell: str, name: str) -> str:
+    """What to do with a cell that is no number."""
+    if cell == name:
+        return '; the names of the columns again: split the file there'
+    if ':' in cell:
+        return '; of dates 2026-07-31 21:16:09.05 is read, in one column'
+    if any(sign.isdigit() for sign in cell):
+        return '; write the number alone, without a unit or separators of thousands'
+    return '; leave the cell empty where nothing was measured, or delete a row that is no sample'

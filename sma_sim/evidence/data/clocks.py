@@ -1,4 +1,4 @@
-"""Times as loggers write them: dates, and counters of 32 bit that start again."""
+"""Times as loggers write them: dates, and counters of 16 and 32 bit that start again."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from sma_sim.evidence.data.table_format import TableFormat, cells_of_line
 
 DATE = re.compile(r'(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)([.]\d+)?\s*(?:Z|UTC|([-+])(\d\d):?(\d\d))?')
 EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
-COUNTS = 2.0**32
+BITS = (16, 32)  # of counters: of Arduino's and of PLCs' clocks
 MAX_WRAP_STEPS = 10.0  # usual steps that pass while a counter starts again
 
 
@@ -43,19 +43,19 @@ def has_dates(path: Path, written: TableFormat, index: int) -> bool:
     return index < len(cells) and DATE.fullmatch(cells[index]) is not None
 
 
-def unwrap_counter(values: Vector) -> bool:
-    """Count on in place where a counter (k,) of 32 bit starts again at 0; whether it does."""
+def unwrap_counter(values: Vector) -> int:
+    """Count on in place where a counter (k,) starts again at 0; how many bits it has, 0 where none starts again."""
     rows = np.flatnonzero(np.isfinite(values))
     known = values[rows]
     if len(known) < 3 or (known != np.floor(known)).any():
-        return False
-    least = 0.0 if known.min() >= 0.0 else -0.5 * COUNTS  # of a counter with a sign
-    if known.min() < least or known.max() >= least + COUNTS:
-        return False
+        return 0
     steps = np.diff(known)
-    back = steps < -0.5 * COUNTS
-    usual = float(np.median(steps))
-    if not back.any() or (steps[back] + COUNTS > MAX_WRAP_STEPS * usual).any():
-        return False
-    values[rows] = known + COUNTS * np.concatenate([[0.0], np.cumsum(back)])
-    return True
+    for bits in BITS:
+        counts = 2.0**bits
+        least = 0.0 if known.min() >= 0.0 else -0.5 * counts  # of a counter with a sign
+        back = steps < -0.5 * counts
+        inside = known.min() >= least and known.max() < least + counts
+        if inside and back.any() and (steps[back] + counts <= MAX_WRAP_STEPS * float(np.median(steps))).all():
+            values[rows] = known + counts * np.concatenate([[0.0], np.cumsum(back)])
+            return bits
+    return 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Collection, Mapping, Sequence
 from difflib import SequenceMatcher
@@ -29,10 +30,13 @@ SPELLINGS = {
     'Ohm': 'ohm',
     'degrees': 'deg',
     'sec': 's',
+    'second': 's',
     'seconds': 's',
     'min': 'min',
     'minutes': 'min',
     '°': 'deg',
+    'watt': 'W',
+    'Watt': 'W',
 }
 WORDS = {
     't': 'time',
@@ -77,14 +81,35 @@ def hint_for(name: str, header: Sequence[str], own: Collection[str], with_map: b
     if not column:
         return ''
     scale, offset = UNITS[unit_of(name)][unit]
-    number = f'scale: {scale:.10g}' if not offset else f'offset: {offset:g}'
-    in_map = f'name it in a map: {name}: {{column: {column}, {number}}}'
+    in_map = f'name it in a map: {map_line(name, column, unit)}'
     if (scale, offset) == (1.0, 0.0):
         return f' (rename {column}, or {in_map})' if with_map else f' (rename {column}; the unit is part of the name)'
     if with_map:
         return f' ({column} is in {unit}: {in_map})'
     how = f'multiplied by {scale:.10g}' if not offset else f'plus {offset:g}'
     return f' ({column} is in {unit}: expected {name}, which is {column} {how})'
+
+
+def map_line(name: str, column: str, unit: str) -> str:
+    """A line of a map that takes one of our columns from a foreign one in a unit."""
+    scale, offset = UNITS[unit_of(name)][unit]
+    number = f'scale: {scale:.10g}' if not offset else f'offset: {offset:g}'
+    quoted = column if re.fullmatch(r'[\w%/.-]+', column) else json.dumps(column, ensure_ascii=False)
+    return f'{name}: {{column: {quoted}, {number}}}'
+
+
+def hint_for_all(names: Sequence[str], header: Sequence[str], own: Collection[str]) -> str:
+    """The lines of a map for several of our columns, as far as others are like them."""
+    others = [other for other in header if other not in own]
+    found = {name: likely_column(name, others) for name in names if name not in header}
+    lines = [map_line(name, column, unit) for name, (column, unit) in found.items() if column]
+    return f'; likely lines of a map: {"; ".join(lines)}' if lines else ''
+
+
+def declared_unit(column: str) -> str:
+    """The unit that a foreign column has in its name, apart from it by a bracket, a space or an underscore; empty: none."""
+    unit = stem_and_unit(column)[1]
+    return unit if re.search(r'[\s_\[(/][^\s_\[\]()/]+[\])]?$', column.strip()) else ''
 
 
 def stem_and_unit(column: str) -> tuple[str, str]:

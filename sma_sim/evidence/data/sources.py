@@ -15,7 +15,7 @@ import numpy as np
 from sma_sim.evidence.data.cells import CellLayout, Vector, read_cells, text_blocks
 from sma_sim.evidence.data.clocks import has_dates, seconds_of_date, unwrap_counter
 from sma_sim.evidence.data.column_map import ColumnMap, Origin, column_in_si, column_origins
-from sma_sim.evidence.data.foreign_columns import SPELLINGS, UNITS, hint_for, unit_of
+from sma_sim.evidence.data.foreign_columns import SPELLINGS, UNITS, declared_unit, hint_for, hint_for_all, map_line, unit_of
 from sma_sim.evidence.data.recording import HIDDEN_COLUMN, NEEDED_COLUMNS, OfSystems
 from sma_sim.evidence.data.rosbag.commands import CommandLimits
 from sma_sim.evidence.data.rosbag.raw_messages import is_bag, open_bag
@@ -29,6 +29,7 @@ from sma_sim.model.structures.structure import shared_temperature
 META_FILE = 'meta.json'
 TABLE_SUFFIXES, TEXT_SUFFIXES = ('.csv', '.tsv', '.xlsx'), ('.txt', '.dat')
 COLUMNS_BY_SYSTEM = OfSystems(lambda structure: ('time_s', *structure.input_columns, *structure.channel_columns))
+SAMPLE_IN_NAME = re.compile(r'(?:^|[\s:>])[-+]?\d*[.]\d+$')  # no name of a column ends so
 Columns = dict[str, Vector]
 
 
@@ -96,7 +97,7 @@ def read_csv_source(path: Path, system: str, mapping: ColumnMap) -> tuple[Column
     shared = {name: Origin(column) for name, column in shared_temperature(imposed, header).items()}
     origins = shared | column_origins(path, mapping, COLUMNS_BY_SYSTEM[system], header)
     check_complete(path, system, header, origins)
-    check_units_row(path, written, origins)
+    check_units(path, written, origins)
     check_clock(path, header, origins['time_s'])
     check_long_table(path, origins)
     needed = list(dict.fromkeys(column for entry in origins.values() for column in (*entry.columns, *dict(entry.where))))
@@ -117,8 +118,8 @@ def read_csv_source(path: Path, system: str, mapping: ColumnMap) -> tuple[Column
     unused = [name for name in header if name and name not in needed and not HIDDEN_COLUMN.fullmatch(name)]
     if unused:
         notes.append(f'columns not used: {listed(unused)}')
-    if time is not None and unwrap_counter(cells[time]):
-        notes.append('the 32-bit counter of time starts again at 0: counted on')
+    if time is not None and (bits := unwrap_counter(cells[time])):
+        notes.append(f'the {bits}-bit counter of time starts again at 0: counted on')
     rows = len(next(iter(cells.values())))
     users = [entry.column for entry in origins.values()]
     columns = {name: column_in_si(entry, cells, rows) for name, entry in origins.items()}
@@ -140,8 +141,8 @@ def check_header(path: Path, header: Sequence[str]) -> None:
         raise UserError(f'{path}, row 1: expected the names of the columns, got numbers: {",".join(header)[:60]}')
 
 
-def check_units_row(path: Path, written: TableFormat, origins: Mapping[str, Origin]) -> None:
-    """Raise UserError where the row of units says another unit than the column's name, and no map converts."""
+def check_units(path: Path, written: TableFormat, origins: Mapping[str, Origin]) -> None:
+    """Raise UserError where the row of units, or the name of a foreign column, says another unit, and no map converts."""
     for name, entry in origins.items():
         factors = [written.units.get(column, '') for column in (entry.column, entry.times) if column]
         prefixed = [unit for unit in factors if unit == '%' or unit in ('mA', 'mV', 'mW', 'mohm')]
@@ -150,17 +151,21 @@ def check_units_row(path: Path, written: TableFormat, origins: Mapping[str, Orig
                 f'{path}: the row of units says {prefixed[0]}, and {name} is a product without a scale; say one in the map: '
                 f'{name}: {{column: {entry.column}, times: {entry.times}, scale: {0.01 if prefixed[0] == "%" else 0.001:g}}}'
             )
-        given = written.units.get(entry.column or '', '')
-        unit = SPELLINGS.get(given, given)
-        if not unit or unit == '1' or entry.converts:
+        column, units = entry.column or '', UNITS[unit_of(name)]
+        if not column or entry.converts:
             continue
-        scale, offset = UNITS[unit_of(name)].get(unit, (0.0, 0.0))
-        if (scale, offset) != (1.0, 0.0):
-            how = f'offset: {offset:g}' if offset else f'scale: {scale:.10g}' if scale else 'scale: FACTOR'
-            raise UserError(
-                f'{path}, column {entry.column}: the row of units says {given}, expected {unit_of(name)} for {name}; '
-                f'a map (--map) can convert: {name}: {{column: {entry.column}, {how}}}'
-            )
+        in_name, given = declared_unit(column), written.units.get(column, '')
+        if in_name in units and not given:
+            where, unit = 'its name', in_name
+        else:
+            where, unit = 'the row of units', SPELLINGS.get(given, given)
+        if not unit or unit == '1' or units.get(unit) == (1.0, 0.0):
+            continue
+        how = map_line(name, column, unit) if unit in units else f'{name}: {{column: {column}, scale: FACTOR}}'
+        raise UserError(
+            f'{path}, column {column}: {where} says {given or unit}, expected {unit_of(name)} for {name}; a map (--map) '
+            f'can convert: {how}'
+        )
 
 
 def check_clock(path: Path, header: Sequence[str], time: Origin) -> None:
@@ -229,7 +234,21 @@ def check_complete(path: Path, system: str, header: Sequence[str], origins: Mapp
         other = max(others, key=lambda name: len(set(COLUMNS_BY_SYSTEM[name]) & set(header)))
         hint = f' (it has {NEEDED_COLUMNS[other][1]}: is it the recording of a {other}? say --system {other})'
     hint = hint or hint_for(missing[0], header, COLUMNS_BY_SYSTEM[system], with_map=True)
-    raise UserError(f'{path} has no column {", ".join(missing)}{hint}; its columns are {listed(header)}')
+    rest = [*missing[1:], *measured_columns(system, header, origins)] if hint and not others else []
+    more = hint_for_all(rest, header, COLUMNS_BY_SYSTEM[system])
+    if not hint and any(SAMPLE_IN_NAME.search(name) for name in header):
+        hint = ' (its first row looks like samples: write the names of the columns above them)'
+    if not hint and not header[0]:
+        hint = f' (its first column has no name: write {missing[0]} above it if that is what it holds)'
+    columns = listed([name or '(no name)' for name in header])
+    hint = hint or ' (a map, --map, says which column is which)'
+    raise UserError(f'{path} has no column {", ".join(missing)}{hint}{more}; its columns are {columns}')
+
+
+def measured_columns(system: str, header: Sequence[str], origins: Mapping[str, Any]) -> list[str]:
+    """Columns that measurements are expected in, where a file has none of them."""
+    channels = list(known_structures()[system].channel_columns)
+    return [] if any(name in origins or name in header for name in channels) else channels
 
 
 def read_noise_file(folder: Path, channels: Sequence[str]) -> dict[str, float]:

@@ -1,16 +1,18 @@
-"""How a logger wrote a table: separators, decimal commas, comments and a row of units, found from its first lines."""
+"""How a logger wrote a table: where it begins, separators, decimal commas, comments and a row of units."""
 
 from __future__ import annotations
 
 import csv
 import re
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import islice
 from pathlib import Path
 from typing import IO
 
 from sma_sim.evidence.data.foreign_columns import SPELLINGS, UNITS
-from sma_sim.evidence.data.workbook import open_text
+from sma_sim.evidence.data.workbook import SUFFIX, open_text
 from sma_sim.model.errors import UserError
 
 MAX_LINE_LENGTH = 1_000_000  # characters; a longer line is no CSV of numbers
@@ -18,10 +20,34 @@ BLOCK_SIZE = 1 << 20  # characters of a file that are read at once: bounds the m
 SEPARATORS = {';': 'semicolons', '\t': 'tabs', '|': 'bars', ' ': 'spaces'}
 COMMENTS = ('#', '//', '% ')  # what lines begin with that are comments; %time is a name
 # Excel writes faults of a cell as #N/A or #REF!: they are no comments.
-COMMENT_LINE = re.compile(r'(?m)^[ \t]*(?:#(?!N/A|NAME\?|NULL!|NUM!|REF!|VALUE!|DIV/0!)|//|% ).*$')
+COMMENT_LINE = re.compile(r'(?m)^[ \t]*(?:#(?!N/?A|NV|WERT!|BEZUG!|ZAHL!|NAME\?|NULL!|NUM!|REF!|VALUE!|DIV/0!)|//|% ).*$')
 EXCEL_SEPARATOR = re.compile(r'"?sep=."?')  # a first line that tells Excel the sign between cells
 # Signs that stand for a comma or a point that cannot belong to a number of the file, so that no cell with it is one.
 FOREIGN_COMMA, FOREIGN_POINT = '\u201a', '\u00b7'
+# Units of what no column of ours holds, and what data loggers write below the names of stamps, row numbers, samples, means.
+NO_UNITS = {'', '1', 'V', 'A', 'mA', 'mV', 'Volt', 'Volts', 'Ampere'}
+DESCRIPTIONS = {'TS', 'RN', 'Smp', 'Avg'}
+HEAD = 200  # lines in which a table begins: headers of data loggers have up to about a hundred
+SAMPLES = 3  # rows of numbers that make a table
+UNIT_ROWS = 2  # between the names and the numbers at most
+# What programs write where a value is missing: that of pandas, and of spreadsheets in German.
+MISSING_CELLS = frozenset(
+    [
+        '',
+        'nan',
+        '-nan',
+        'na',
+        '<na>',
+        'n/a',
+        '#n/a',
+        '#na',
+        '#nv',
+        'null',
+        'none',
+        *(s + '1.#' + w for s in ('', '-') for w in ('ind', 'qnan')),
+    ]
+)
+SAMPLE_TEXT = re.compile(r'\d{4}-\d\d-\d\d[T ].*|\d\d?:\d\d:\d\d.*')  # dates and times of day
 THOUSANDS = re.compile(r'[-+]?[1-9]\d{0,2},\d{3}')  # a decimal comma, or a separator of thousands: nobody can tell
 
 
@@ -29,7 +55,8 @@ THOUSANDS = re.compile(r'[-+]?[1-9]\d{0,2},\d{3}')  # a decimal comma, or a sepa
 class TableFormat:
     """The names in the header, the sign between cells, and how many lines stand before the numbers.
 
-    `units`: by column, what a row of units below the header says, without brackets.
+    `units`: by column, what a row of units below the header says, without brackets; `above`: lines above the header, such as
+    those in which a data logger describes itself.
     """
 
     header: Sequence[str]
@@ -38,6 +65,7 @@ class TableFormat:
     decimal_comma: bool = False
     has_comments: bool = False
     units: Mapping[str, str] = field(default_factory=dict)
+    above: int = 0
 
     def notes(self) -> list[str]:
         """What was found that is not plain CSV."""
@@ -48,6 +76,8 @@ class TableFormat:
             found.append('decimals have commas')
         if self.units:
             found.append('the row of units is no sample')
+        if self.above:
+            found.append(f'{self.above} lines above the names of the columns are no table')
         if self.has_comments:
             found.append(f'lines that begin with {", ".join(COMMENTS).rstrip()} are comments')
         return [f'{"; ".join(found)}: read so'] if found else []
@@ -74,6 +104,7 @@ class TableFormat:
 def table_format(path: Path) -> TableFormat:
     """How a table is written. Raises UserError where it has no header, or its commas have two meanings."""
     try:
+        check_text(path)
         with open_text(path) as file:
             return format_of_lines(path, file)
     except OSError as error:
@@ -84,39 +115,95 @@ def table_format(path: Path) -> TableFormat:
         raise UserError(f'{path} is not a CSV file: {error}') from error
 
 
+def check_text(path: Path) -> None:
+    """Raise UserError for a binary file, such as those of LabVIEW, MATLAB or old spreadsheets."""
+    with path.open('rb') as raw:
+        head = raw.read(HEAD)
+    if b'\0' in head and path.suffix.lower() != SUFFIX and head[:2] not in (BOM_UTF16_LE, BOM_UTF16_BE):
+        raise UserError(f'{path} is not a CSV file: it is binary; export the table as CSV in UTF-8')
+
+
 def format_of_lines(path: Path, file: IO[str]) -> TableFormat:
     """The format of an open file."""
-    comments, line, before = next_line(file)
-    if not line:
+    head = list(islice(iter(lambda: file.readline(MAX_LINE_LENGTH), ''), HEAD))
+    content = [k for k, line in enumerate(head) if is_content(line)]
+    if not content:
         raise UserError(f'{path} is empty: expected a header and at least one row')
-    later, following, passed = next_line(file)
-    separator = separator_of(line, following)
-    header = cells_of_line(line, separator)
+    if head[content[0]].lstrip().startswith(('<', '{', '[{')):
+        raise UserError(f'{path} is not a CSV file: it is HTML or JSON; export the table as CSV in UTF-8')
+    first = first_of_table(path, [head[k] for k in content])
+    at, below = content[first], [head[k] for k in content[first + 1 : first + 1 + UNIT_ROWS]]
+    separator = separator_of(head[at], below[0] if below else '')
+    header = cells_of_line(head[at], separator)
+    before = at + 1
+    comments = [line for line in head[:at] if COMMENT_LINE.match(line)]
     commented = cells_of_line(comments[-1].lstrip('#/% \t'), separator) if comments else []
     if all(is_number(cell.replace(',', '.')) for cell in header) and len(commented) == len(header) > 1:
-        header, following, passed, before = commented, line, 0, before - 1  # the header is the last comment
-    below = cells_of_line(following, separator) if following else []
-    units = dict(zip(header, map(without_brackets, below), strict=False))
-    if len(units) != len(header) or not are_units(below[: len(header)]):
-        units, passed = {}, 0
+        header, below, before = commented, [], at  # the header is the last comment
+    rows = units_below(header, below, separator)
+    units = {name: without_brackets(cell) for name, cell in zip(header, rows[0], strict=True)} if rows else {}
+    before = content[first + len(rows)] + 1 if rows else before
+    later = any(COMMENT_LINE.match(line) for line in head[at:])
+    units = {name: '' if unit in DESCRIPTIONS else unit for name, unit in units.items()}
+    found = TableFormat(header, before, separator, False, bool(comments) or later, units, first)
     if separator == ',':
-        return TableFormat(header, before + passed, has_comments=bool(comments or later), units=units)
+        return found
     file.seek(0)
-    return TableFormat(
-        header, before + passed, separator, has_decimal_commas(path, file, separator), bool(comments or later), units
-    )
+    for _ in range(at):
+        file.readline(MAX_LINE_LENGTH)
+    return replace(found, decimal_comma=has_decimal_commas(path, file, separator))
 
 
-def next_line(file: IO[str]) -> tuple[list[str], str, int]:
-    """The comments before the next line with content, that line, and how many lines were read."""
-    comments, count = [], 0
-    while line := file.readline(MAX_LINE_LENGTH):
-        count += 1
-        if COMMENT_LINE.match(line):
-            comments.append(line.strip())
-        elif line.strip() and not EXCEL_SEPARATOR.fullmatch(line.strip()):
-            return comments, line.rstrip('\n'), count
-    return comments, '', count
+def is_content(line: str) -> bool:
+    """Whether a line has cells: it is no comment, not empty, and not for Excel."""
+    return bool(line.strip(' \t\r\n,;|') and not COMMENT_LINE.match(line) and not EXCEL_SEPARATOR.fullmatch(line.strip()))
+
+
+def first_of_table(path: Path, lines: Sequence[str]) -> int:
+    """Which of the lines with content has the names of the columns: the first above rows of as many numbers as it has names;
+    line 0 where there are no such rows. Raises UserError where that would pass over numbers."""  # fmt: skip
+    for k, line in enumerate(lines):
+        separator = separator_of(line, lines[k + 1] if k + 1 < len(lines) else '')
+        header = cells_of_line(line, separator)
+        numbers = [is_number(cell.replace(',', '.')) for cell in header]
+        if len(header) < 2 or all(numbers) or (k > 0 and any(numbers)):
+            continue
+        passed = 1 + len(units_below(header, lines[k + 1 : k + 1 + UNIT_ROWS], separator))
+        rows = lines[k + passed : k + passed + SAMPLES]
+        if len(rows) >= min(SAMPLES, len(lines) - passed) > 0 and all_samples(rows, len(header), separator):
+            if any(all_samples([one], len(header), separator) for one in lines[:k]):
+                raise UserError(
+                    f'{path} has numbers above the names {", ".join(header)[:60]} too: save each table in a file'
+                )
+            return k
+    return 0
+
+
+def all_samples(lines: Sequence[str], width: int, separator: str) -> bool:
+    """Whether all lines are samples of as many columns."""
+    return all(is_sample(cells_of_line(line, separator), width, separator) for line in lines)
+
+
+def is_sample(cells: Sequence[str], width: int, separator: str) -> bool:
+    """Whether a row has a number, and nothing but numbers, dates and gaps, in as many columns; the last may be left out."""
+    decimals = [cell if separator == ',' else cell.replace(',', '.') for cell in cells]
+    numbers = [is_number(cell) and cell.lower() not in MISSING_CELLS for cell in decimals]
+    known = [
+        number or cell.lower() in MISSING_CELLS or SAMPLE_TEXT.fullmatch(cell) is not None
+        for number, cell in zip(numbers, cells, strict=True)
+    ]
+    return any(numbers) and all(known) and not any(cells[width:]) and len(cells) >= width - 1
+
+
+def units_below(header: Sequence[str], lines: Sequence[str], separator: str) -> list[list[str]]:
+    """The rows of units below the names of the columns."""
+    rows = list[list[str]]()
+    for line in lines:
+        cells = cells_of_line(line, separator)
+        if len(cells) < len(header) or not are_units(cells[: len(header)]):
+            break
+        rows.append(cells[: len(header)])
+    return rows
 
 
 def separator_of(line: str, following: str) -> str:
@@ -138,7 +225,7 @@ def cells_of_line(line: str, separator: str) -> list[str]:
 def are_units(cells: Sequence[str]) -> bool:
     """Whether a row holds units, some of them in brackets, and no number."""
     inner = [without_brackets(cell) for cell in cells]
-    known = {unit for units in UNITS.values() for unit in units} | set(SPELLINGS) | {'', '1', 'V', 'A', 'mA', 'mV'}
+    known = {unit for units in UNITS.values() for unit in units} | set(SPELLINGS) | NO_UNITS | DESCRIPTIONS
     fine = all(one in known or one != cell for one, cell in zip(inner, cells, strict=True))
     return fine and not any(is_number(cell) for cell in cells) and any(one not in ('', '-') for one in inner)
 

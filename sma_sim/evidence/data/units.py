@@ -12,7 +12,8 @@ from sma_sim.evidence.data.cells import Vector
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import KELVIN
 
-MAX_DURATION = 1e7  # [s]: four months; no run lasts as long
+MAX_DURATION, MIN_DURATION = 1e7, 1e-3  # [s]: no run lasts four months, and no wire moves in less than milliseconds
+LATEST_DATE = 1e10  # [s] since 1970: later times are in smaller units
 SLOW_STEP = 2.0  # [s]: wires heat and cool faster, so nobody samples a module so slowly
 MIN_TEMPERATURE, MAX_TEMPERATURE = KELVIN  # a median below is in deg C
 MAX_MAGNITUDE = {'U': 0.5, 'strain': 0.5, 'J': 2e3}  # [m], [-], [W]: beyond what a small robot can do
@@ -147,9 +148,20 @@ def slow_sampling(time: Vector) -> list[str]:
 
 
 def check_duration(path: Path, time: Vector) -> None:
-    """Raise UserError for a run of months: its time is not in seconds."""
-    if time[-1] - time[0] > MAX_DURATION:
-        raise UserError(
-            f'{path}, column time_s: expected seconds, got a run of {time[-1] - time[0]:g} s, which looks like milli- or '
-            f'nanoseconds; a map (--map) can convert: time_s: {{column: time_s, scale: 1e-9}}'
+    """Raise UserError where time cannot be in seconds: a run of months or microseconds, a date in the far future."""
+    length, first, step = float(time[-1] - time[0]), float(time[0]), float(np.median(np.diff(time)))
+    if MIN_DURATION <= length <= MAX_DURATION and first < LATEST_DATE:
+        return
+    if length < MIN_DURATION:
+        got, unit, scale = f'a run of {length:g} s', 'days, as spreadsheets count them', 86400.0
+    else:
+        got = f'a run of {length:g} s' if length > MAX_DURATION else f'a date {first:g} s after 1970'
+        smaller = {'milliseconds': 1e-3, 'microseconds': 1e-6, 'nanoseconds': 1e-9}
+        unit, scale = next(
+            (one for one in smaller.items() if one[1] * first < LATEST_DATE and one[1] * step <= SLOW_STEP),
+            ('nanoseconds', 1e-9),
         )
+    raise UserError(
+        f'{path}, column time_s: expected seconds, got {got}, which looks like {unit}; a map (--map) can convert: '
+        f'time_s: {{column: time_s, scale: {scale:g}}}'
+    )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import zlib
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterable
 from datetime import datetime
 from functools import lru_cache
@@ -22,7 +23,9 @@ BROKEN = (BadZipFile, zlib.error, OSError, EOFError, NotImplementedError, Syntax
 def open_text(path: Path) -> IO[str]:
     """A table as text: the file itself, or the sheet of a workbook. Raises UserError and OSError."""
     if path.suffix.lower() != SUFFIX:
-        return path.open(encoding='utf-8-sig')
+        with path.open('rb') as raw:
+            marked = raw.read(2) in (BOM_UTF16_LE, BOM_UTF16_BE)
+        return path.open(encoding='utf-16' if marked else 'utf-8-sig')
     return io.StringIO(workbook_text(path, path.stat().st_mtime_ns))
 
 

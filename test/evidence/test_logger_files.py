@@ -1,0 +1,182 @@
+"""Files as loggers, instruments and programs write them: read as the plain table is, or refused with the cure."""
+
+import gzip
+
+import numpy as np
+import pytest
+from test_table_formats import COUNT, POSITION, POWER, TIME, check_plain, table
+
+from sma_sim.evidence.data.recordings import read_recording
+from sma_sim.model.errors import UserError
+
+PLAIN = table(TIME, POWER, POSITION)
+BODY = PLAIN.partition('\n')[2]
+ROWS = BODY.splitlines()
+FOREIGN = 'time_s: Time\nJ_W: Power\nposition_m: Way\n'
+LABVIEW = """LabVIEW Measurement
+Writer_Version\t2
+Separator\tTab
+Decimal_Separator\t{decimal}
+Multi_Headings\tNo
+Date\t2026/07/31
+Time\t21:16:09{decimal}1234
+***End_of_Header***
+
+Channels\t2\t\t
+Samples\t200\t200\t
+X_Dimension\tTime\tTime\t
+X0\t0{decimal}0E+0\t0{decimal}0E+0\t
+Delta_X\t0{decimal}05\t0{decimal}05\t
+***End_of_Header***\t\t\t
+Time\tPower\tWay\tComment
+"""
+CAMPBELL = '"TOA5","bench","CR1000","1234"\n"TIMESTAMP","RECORD","J_W","position_m"\n"TS","RN","W","m"\n"","","Smp","Smp"\n'
+
+
+def rows(form):
+    return ''.join(form(*one) + '\n' for one in zip(range(COUNT), TIME, POWER, POSITION, strict=True))
+
+
+def cells(separator, decimal='.', end=''):
+    return rows(lambda _, t, p, x: f'{t:.6f}{separator}{p:.3f}{separator}{x:.15f}{end}'.replace('.', decimal))
+
+
+def with_cell(word):
+    return '\n'.join([PLAIN.split('\n')[0], *ROWS[:50], ROWS[50].rpartition(',')[0] + f',{word}', *ROWS[51:], ''])
+
+
+READ = {  # content, map, what is said
+    'labview': (LABVIEW.format(decimal='.') + cells('\t', end='\t'), FOREIGN, '14 lines above'),
+    'labview with decimal commas': (LABVIEW.format(decimal=',') + cells('\t', ',', '\t'), FOREIGN, 'decimals have commas'),
+    'tdms exported': ('Time;Power;Way\n\n' + cells(';', ','), FOREIGN, 'separated by semicolons'),
+    'campbell': (CAMPBELL + rows(lambda k, t, p, x: f'"2026-07-31 21:16:{9 + t:05.2f}",{k},{p},{x:.15f}'),
+                 'time_s: TIMESTAMP\n', 'row of units'),
+    'serial line of a microcontroller': ('Ready.\nzero: 12\n' + PLAIN, '', '2 lines above'),
+    'block of a spreadsheet': ('Test:,bench 3,\nDate:,31.07.2026,\nMass,12,g\n,,\n' + PLAIN, '', '3 lines above'),
+    'narrow block': ('Report\nSample,12\nRate,20\nLoad,3\n\n' + PLAIN, '', '4 lines above'),
+    'block with semicolons': ('Test;3;\nDate;31.07.2026;\nTime;Power;Way\n' + cells(';', ','), FOREIGN, '2 lines above'),
+    'keysight': ('x-axis,1,2\nsecond,Volt,Volt\n' + rows(lambda _, t, p, x: f'{t},{p / 8},{x / 2:.15f}'),
+                 'time_s: x-axis\nJ_W: {column: 1, scale: 8}\nposition_m: {column: 2, scale: 2}\n', 'row of units'),
+    'matlab writetable': (PLAIN.replace('\n0.05,0,', '\n0.05,NaN,'), '', 'J_W: 1 rows without a value'),
+    'pandas index': (',time_s,J_W,position_m\n' + rows(lambda k, t, p, x: f'{k},{t:.12g},{p},{x:.15f}'), '', ''),
+    'byte order mark': ('\ufeff' + PLAIN, '', ''),
+    'utf-16': (PLAIN.encode('utf-16'), '', ''),
+    'utf-16 with tabs': ('\ufeff'.encode('utf-16-be') + PLAIN.replace(',', '\t').encode('utf-16-be'), '', 'tabs'),
+    'windows': (PLAIN.replace('\n', '\r\n'), '', ''),
+    'old macintosh': (PLAIN.replace('\n', '\r'), '', ''),
+    'nanoseconds since 1970': (
+        't,J_W,position_m\n' + rows(lambda k, _, p, x: f'{1669882837000000000 + 50000000 * k},{p},{x:.15f}'),
+        'time_s: {column: t, scale: 1.0e-9}\n', 'counted from the first row'),
+    'milliseconds since 1970': (
+        't,J_W,position_m\n' + rows(lambda k, _, p, x: f'{1669882837000 + 50 * k},{p},{x:.15f}'),
+        'time_s: {column: t, scale: 1.0e-3}\n', 'counted from the first row'),
+    'counter of 16 bit': ('ms,J_W,position_m\n' + rows(lambda k, _, p, x: f'{(60_000 + 50 * k) % 65536},{p},{x:.15f}'),
+                          'time_s: {column: ms, scale: 0.001}\n', '16-bit counter'),
+    'trailing commas': (PLAIN.partition('\n')[0] + '\n' + BODY.replace('\n', ',\n'), '', ''),
+    'trailing commas in all rows': (PLAIN.replace('\n', ',,\n'), '', ''),
+    'trailing semicolons': ('time_s;J_W;position_m;\n' + cells(';', ',', ';'), '', 'decimals have commas'),
+    'units in brackets': ('Time [s],Power [W],Way (mm)\n' + rows(lambda _, t, p, x: f'{t},{p},{1e3 * x:.15f}'),
+                          'time_s: "Time [s]"\nJ_W: "Power [W]"\nposition_m: {column: "Way (mm)", scale: 0.001}\n', ''),
+    'spaces after commas': (PLAIN.replace(',', ', '), '', ''),
+    'quoted numbers': ('"time_s","J_W","position_m"\n' + rows(lambda _, t, p, x: f'"{t}","{p}","{x:.15f}"'), '', ''),
+    'plotjuggler': ('__time,/cmd/J,/slider/x\n' + rows(lambda _, t, p, x: f'{1669882837 + t:.6f},{p},{x:.15f}'),
+                    'time_s: __time\nJ_W: /cmd/J\nposition_m: /slider/x\n', 'counted from the first row'),
+    'time zone': ('time,J_W,position_m\n' + rows(lambda _, t, p, x: f'2026-07-31T21:16:{9 + t:05.2f}+0200,{p},{x:.15f}'),
+                  'time_s: time\n', 'counted from the first row'),
+    'fixed width': (f'{"time_s":>12}{"J_W":>12}{"position_m":>20}\n'
+                    + rows(lambda _, t, p, x: f'{t:12.4f}{p:12.4f}{x:20.15f}'), '', 'separated by spaces'),
+    'plus signs': (PLAIN.partition('\n')[0] + '\n' + rows(lambda _, t, p, x: f'+{t},+{p},+{x:.15f}'), '', ''),
+    'line at the end': (PLAIN + '\nEnd of data\n', '', 'last line is incomplete'),
+    'each row twice': (PLAIN.partition('\n')[0] + '\n' + ''.join(2 * f'{row}\n' for row in ROWS), '', 'repeat the time'),
+}  # fmt: skip
+
+REFUSED = {  # content, map, what is said
+    'picoscope': ('Time,A,B\n(ms),(V),(m)\n\n' + BODY, 'time_s: Time\nJ_W: A\nposition_m: B\n',
+                  'says ms, expected s for time_s; a map (--map) can convert: time_s: {column: Time, scale: 0.001}'),
+    'labels in each row': (rows(lambda _, t, p, x: f'time:{t:.3f}\tJ:{p}\tx:{x:.9f}'), '', 'write the names of the columns'),
+    'stamps of a serial monitor': (rows(lambda _, t, p, x: f'21:16:{9 + t:06.3f} -> {p},{x:.9f}'), '',
+                                   'write the names of the columns'),
+    'no header': (BODY, '', 'row 1: expected the names of the columns, got numbers'),
+    'tektronix': ('Record Length,2.5e3,,0,0.1,0.2\n' + rows(lambda _, t, p, x: f',,,{t},{p},{x:.9f}'), '',
+                  'write the names of the columns'),
+    'rigol': ('X,CH1,CH2,Start,Increment\nSequence,Volt,Volt,0.0e+00,5.0e-02\n'
+              + rows(lambda k, _, p, x: f'{k},{p},{x:.9f},,'), 'time_s: X\nJ_W: CH1\nposition_m: CH2\n',
+              "row 2, column X: expected a number, got 'Sequence'; leave the cell empty where nothing was"),
+    'two tables': ('Results 1\n,"Load","Way"\n,"(N)","(mm)"\n1,10.5,2.3\n\n"Time","Way","Power"\n"(s)","(mm)","(W)"\n'
+                   + BODY, FOREIGN, 'has numbers above the names Time, Way, Power too: save each table in a file'),
+    'header again': (PLAIN + PLAIN, '', f"row {COUNT + 2}, column time_s: expected a number, got 'time_s'; the names"),
+    'index of dates': (',J_W,position_m\n' + rows(lambda _, t, p, x: f'2026-07-31 21:16:{9 + t:09.6f},{p},{x:.9f}'), '',
+                       'its first column has no name: write time_s above it'),
+    'dates without fractions': (
+        'time,J_W,position_m\n' + rows(lambda _, t, p, x: f'2026-07-31 21:16:{int(9 + t):02d},{p},{x:.9f}'),
+        'time_s: time\n', f'got 10 times in {COUNT} rows: record or export it with its fractions of a second'),
+    'milliseconds since 1970 as seconds': (
+        PLAIN.partition('\n')[0] + '\n' + rows(lambda k, _, p, x: f'{1669882837000 + 50 * k},{p},{x:.9f}'), '',
+        'looks like milliseconds; a map (--map) can convert: time_s: {column: time_s, scale: 0.001}'),
+    'nanoseconds since 1970 as seconds': (
+        PLAIN.partition('\n')[0] + '\n' + rows(lambda k, _, p, x: f'{1669882837000000000 + 50000000 * k},{p},{x:.9f}'), '',
+        'looks like nanoseconds; a map (--map) can convert: time_s: {column: time_s, scale: 1e-09}'),
+    'days of a spreadsheet': (
+        PLAIN.partition('\n')[0] + '\n' + rows(lambda _, t, p, x: f'{46234.8862 + t / 86400:.12f},{p},{x:.9f}'), '',
+        'looks like days, as spreadsheets count them; a map (--map) can convert: time_s: {column: time_s, scale: 86400}'),
+    'milliseconds in a map without scale': (PLAIN.replace('time_s', 't_ms'), 'time_s: t_ms\n',
+                                            'its name says ms, expected s for time_s; a map (--map) can convert'),
+    'millimetres in a map without scale': (PLAIN.replace('position_m', 'x [mm]'), 'position_m: x [mm]\n',
+                                           'can convert: position_m: {column: "x [mm]", scale: 0.001}'),
+    'a column twice': (PLAIN.replace('position_m', 'position_m,position_m'), '', 'column position_m more than once'),
+    'separators of thousands in quotes': (
+        PLAIN.partition('\n')[0] + '\n' + rows(lambda _, t, p, x: f'"{1000 + t:,.2f}",{p},{x:.9f}'), '',
+        "got '1,000.00'; write the number alone, without a unit or separators of thousands"),
+    'apostrophes between thousands': (
+        'time_s;J_W;position_m\n' + rows(lambda _, t, p, x: f"1'{t:06.2f};{p};{x:.9f}"), '', 'or separators of thousands'),
+    'units in cells': (PLAIN.partition('\n')[0] + '\n' + rows(lambda _, t, p, x: f'{t} s,{p} W,{x:.9f} m'), '',
+                       'write the number alone, without a unit'),
+    'foreign names': ('Time [s],Power [W],Position [mm]\n' + BODY, '',
+                      'J_W: {column: "Power [W]", scale: 1}; position_m: {column: "Position [mm]", scale: 0.001}'),
+    'number of the sample': (PLAIN.replace('time_s', 'sample'), '', 'a map, --map, says which column is which'),
+    'times of day': ('time,J_W,position_m\n' + rows(lambda _, t, p, x: f'23:59:{t:06.3f},{p},{x:.9f}'), 'time_s: time\n',
+                     'of dates 2026-07-31 21:16:09.05 is read, in one column'),
+    'days before months': ('time;J_W;position_m\n' + rows(lambda _, t, p, x: f'31.07.2026 21:16:{9 + t:05.2f};{p};{x:.9f}'),
+                           'time_s: time\n', 'of dates 2026-07-31 21:16:09.05 is read'),
+    'overload of a multimeter': (with_cell('OVLD'), '', 'leave the cell empty where nothing was measured'),
+    'decimal commas in quotes': (
+        PLAIN.partition('\n')[0] + '\n' + rows(lambda _, t, p, x: f'"{t}","{p}","{x:.9f}"'.replace('.', ',')), '', 'column'),
+    'tdms': (b'TDSm\x0e\0\0\0' + bytes(range(256)), '', 'not a CSV file: it is binary; export the table as CSV in UTF-8'),
+    'gzip': (gzip.compress(PLAIN.encode()), '', 'not a CSV file: it is binary'),
+    'old workbook': (b'\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1' + bytes(500), '', 'not a CSV file: it is binary'),
+    'json': ('{"time_s":0,"J_W":0,"position_m":0.0004}\n' * COUNT, '', 'it is HTML or JSON; export the table as CSV'),
+    'html': ('<html><table><tr><td>time_s</td></tr></table></html>\n', '', 'it is HTML or JSON; export the table as CSV'),
+    'latin-1': (PLAIN.replace('position_m', 'Weg (µm)').encode('latin-1'), '', 'save it with that encoding'),
+}  # fmt: skip
+
+
+def written(tmp_path, content, mapping):
+    path, way = tmp_path / 'run.csv', tmp_path / 'map.yaml'
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    way.write_text(f'system: slider\n{mapping}')
+    return read_recording(path, 'slider', 298.0, way)
+
+
+@pytest.mark.parametrize('kind', READ)
+def test_is_read_as_the_plain_table(tmp_path, kind):
+    content, mapping, said = READ[kind]
+    check_plain(written(tmp_path, content, mapping), said, atol=1e-6)
+
+
+@pytest.mark.parametrize('kind', REFUSED)
+def test_is_refused_with_the_cure(tmp_path, kind):
+    content, mapping, said = REFUSED[kind]
+    with pytest.raises(UserError) as caught:
+        written(tmp_path, content, mapping)
+    message = str(caught.value)
+    assert said in message
+    assert message.isprintable()
+    assert len(message) < 600
+
+
+@pytest.mark.parametrize('word', ['NaN', '-nan', 'NA', 'N/A', '#N/A', '#NV', 'null', 'None', '<NA>', '-1.#IND', '1.#QNAN'])
+def test_words_for_missing_values(tmp_path, word):
+    (recording,) = written(tmp_path, with_cell(word), '')
+    known = np.isfinite(recording.channels['position'])
+    assert np.allclose(recording.time[known], np.delete(TIME, 50))
+    assert np.allclose(recording.channels['position'][known], np.delete(POSITION, 50))
