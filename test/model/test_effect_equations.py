@@ -141,7 +141,7 @@ EQUATIONS = {  # of state s, parameters p and memory m
     'stress_dependent_transformation_strain': lambda s, p, m: -EPS_T * m['m'] * s.x,
     'temperature_gradient': lambda s, p, m: (WIRE.sigma_T * p.dT * (s.x - 0.5),) * 2,
     'thermal_crosstalk': lambda s, p, m: p.G * 0.0957 * s.others * (s.T_other - s.T),
-    'thermal_expansion': lambda s, p, m: p.a * (s.T - p.T_ref),
+    'thermal_expansion': lambda s, p, m: (p.a + p.da * s.x) * (s.T - p.T_ref),
     'thermometer_lag': lambda s, p, m: m['shown'],
     'transformation_plasticity': lambda s, p, m: m['e'],
 }

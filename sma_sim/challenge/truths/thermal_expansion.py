@@ -24,6 +24,6 @@ TRUTHS = (
         library='thermal_expansion',
         variables=('T', 'x'),
         file=__file__,
-        listed=lambda p, of: {'a': 0.5 * (p['a_A'] + p['a_M']), 'T_ref': 298.0},
+        listed=lambda p, of: {'a': p['a_A'], 'da': p['a_M'] - p['a_A'], 'T_ref': 298.0},
     ),
 )

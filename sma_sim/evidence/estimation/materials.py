@@ -14,8 +14,8 @@ from sma_sim.model.config import Config
 
 Range = tuple[float, float]
 ROOM, HIGH = 298.0, 373.0  # [K]
-# Of all alloys: specific heat from 322 (Jackson, Wagner and Wasilewski, NASA-SP 5110, 1972) to 837 J/(kg K) (Dynalloy,
-# Technical characteristics of Flexinol).
+# Of all alloys: specific heat from 322 (Jackson, Wagner and Wasilewski, NASA-SP 5110, 1972) to 837 J/(kg K) (0.20 cal/(g K):
+# Dynalloy, Technical characteristics of Flexinol, F1140 Rev I.2).
 SPECIFIC_HEAT = (322.0, 837.0)
 # Nusselt numbers of thin horizontal cylinders, free convection in still air at the least, where wires of a bundle share
 # their air, to a flow of water (Morgan, Adv. Heat Transfer 11 (1975) 199); conductivities [W/(m K)] at 300 K.
@@ -43,7 +43,9 @@ MATERIALS: Mapping[str, Material] = {
             'wire.dsigma': (1e8, 4.5e8),
         },
     ),
-    # Dynalloy, Technical characteristics of Flexinol (28 to 41 and 75 to 83 GPa); Lagoudas, Shape Memory Alloys (2008)
+    # SMA Inc., Selected properties of NiTi (about 83 and 28 to 41 GPa; 8 % in one cycle, 4 % in 100,000); Lagoudas,
+    # Shape Memory Alloys (2008). sigma_T is rho ds/eps_T with an entropy ds of at most 0.105 J/(g K) (Resnina and Belyaev,
+    # Thermochim. Acta 602 (2015) 30)
     'actuator': Material(
         'an actuator wire of NiTi',
         {
@@ -54,7 +56,8 @@ MATERIALS: Mapping[str, Material] = {
             'wire.dsigma': (3e7, 3e8),
         },
     ),
-    # Karaca et al., Mater. Sci. Technol. 30 (2014) 1530; Bigelow et al., Materialia 21 (2022) 101297
+    # Karaca et al., Mater. Sci. Technol. 30 (2014) 1530, and Acta Mater. 61 (2013) 7422 (up to 3.6 %); Bigelow et al.,
+    # Materialia 21 (2022) 101297
     'high-temperature': Material(
         'a high-temperature alloy such as NiTiHf',
         {
