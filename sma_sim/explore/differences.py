@@ -34,7 +34,9 @@ def differences(before: Config, after: Config) -> tuple[Difference, ...]:
             found.append(Difference(f'effects.{one}', '', *active, 'whether the effect is active'))
     for name in dict.fromkeys((*first, *second)):
         values = first.get(name), second.get(name)
-        if not name.startswith(('effects.active', 'effects.paths', 'structures.paths')) and not same_value(*values):
+        if not name.startswith(('effects.active', 'effects.paths', 'structures.paths', 'covariance.')) and not same_value(
+            *values
+        ):
             found.append(Difference(name, meanings.get(name, ('', ''))[0], *values, meanings.get(name, ('', ''))[1]))
     return tuple(found)
 

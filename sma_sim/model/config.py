@@ -12,6 +12,7 @@ from types import MappingProxyType
 from typing import Any, TypeAlias
 
 from sma_sim.model.comparable import Comparable
+from sma_sim.model.covariance import MATRIX, NAMES, ParameterCovariance, checked_covariance
 from sma_sim.model.effects.discovery import (
     ActiveEffect,
     FoundEffect,
@@ -117,6 +118,8 @@ class Config(Comparable):
         The structure where it is not one of the package and has files.
     priors : mapping of str to float
         How well values are known before a fit: standard deviations in SI units by full name, such as ``{'wire.E_A': 5e8}``.
+    covariance : ParameterCovariance, optional
+        How well they are known together after one.
 
     Attributes
     ----------
@@ -128,6 +131,8 @@ class Config(Comparable):
         Active effects with their parameter values.
     own_structure : FoundStructure or None
         The structure where it is not one of the package.
+    covariance : ParameterCovariance or None
+        Covariance of fitted values, which `Observer` starts with; further fits do not.
 
     Raises
     ------
@@ -148,6 +153,7 @@ class Config(Comparable):
     settings: Mapping[str, str | bool]
     own_structure: FoundStructure | None
     priors: Mapping[str, float]
+    covariance: ParameterCovariance | None
 
     def __init__(
         self,
@@ -158,6 +164,7 @@ class Config(Comparable):
         settings: Mapping[str, str | bool] = NOTHING,
         own_structure: FoundStructure | None = None,
         priors: Mapping[str, float] = NOTHING,
+        covariance: ParameterCovariance | None = None,
     ) -> None:
         base = structure_named(system, own_structure)
         of_effects, values = split_parameters(as_mapping('parameters', parameters))
@@ -187,7 +194,14 @@ class Config(Comparable):
             settings=MappingProxyType({name: setting.default for name, setting in texts.items()} | chosen),
             own_structure=base if is_own else None,
             priors=MappingProxyType(checked_priors(stds, structure, active)),
+            covariance=covariance_given(covariance, structure, active),
         )
+
+    def with_covariance(self, covariance: ParameterCovariance | None) -> Config:
+        """The same with another covariance of its values, or none; unchecked, as `variant`."""
+        made = self.variant()
+        made.__dict__['covariance'] = covariance
+        return made
 
     def variant(
         self,
@@ -251,8 +265,11 @@ class Config(Comparable):
         kept = {n: v for n, v in values.items() if n in defaults}
         settings = {n: v for n, v in self.settings.items() if n in settings_of(other)}
         priors = {n: std for n, std in self.priors.items() if n in kept or n.startswith('effects.')}
+        known = self.covariance and self.covariance.of(
+            [n for n in self.covariance.names if n in kept or n.startswith('effects.')]
+        )
         own_structure = None if self.own_structure is None else found
-        return Config(kept, other.family, self.kinetics, effects, settings, own_structure, priors)
+        return Config(kept, other.family, self.kinetics, effects, settings, own_structure, priors, known)
 
     def __repr__(self) -> str:
         defaults = self.structure.structure.default_values
@@ -263,10 +280,33 @@ class Config(Comparable):
         return f'Config(system={self.system!r}, kinetics={self.kinetics!r}, effects=[{effects}], {{{changed}}})'
 
 
+def fitted_parameters(structure: Structure, effects: Iterable[ActiveEffect]) -> dict[str, Parameter]:
+    """What a fit can change, by full name."""
+    declared = {name: one for name, one in structure.all_parameters.items() if name.split('.')[0] not in NEVER_FITTED}
+    return declared | effect_parameters({active.found.effect.name: active.found for active in effects})
+
+
+def covariance_given(
+    given: ParameterCovariance | Mapping[str, RawValue] | None, structure: Structure, effects: Sequence[ActiveEffect]
+) -> ParameterCovariance | None:
+    """A covariance of what a fit can change, as such or by the names of a file; None where there is none.
+
+    Raises ConfigError.
+    """
+    if given is None or isinstance(given, ParameterCovariance) and not given.names:
+        return None
+    if isinstance(given, ParameterCovariance):
+        where = in_config('covariance')
+        given = {NAMES: RawValue(given.names, where), MATRIX: RawValue(given.matrix, where)}
+    if given.keys() != {NAMES, MATRIX}:
+        raise ConfigError(f'{next(iter(given))} ({next(iter(given.values())).where}): expected both {NAMES} and {MATRIX}')
+    active = [one.found.effect.name for one in effects]
+    return checked_covariance(given[NAMES], given[MATRIX], fitted_parameters(structure, effects), active)
+
+
 def checked_priors(given: Mapping[str, RawValue], structure: Structure, effects: Iterable[ActiveEffect]) -> dict[str, float]:
     """Standard deviations of what a fit can change, by full name. Raises ConfigError."""
-    declared = {name: one for name, one in structure.all_parameters.items() if name.split('.')[0] not in NEVER_FITTED}
-    declared |= effect_parameters({active.found.effect.name: active.found for active in effects})
+    declared = fitted_parameters(structure, effects)
     for name, one in given.items():
         if name not in declared:
             hint = suggestion(name, declared)
@@ -442,7 +482,9 @@ def flat_parameters(config: Config) -> dict[str, Any]:
     for active in config.effects:
         effect = active.found.effect
         values |= {f'effects.{effect.name}.{p.name}': v for p, v in zip(effect.parameters, active.values, strict=True)}
-    return values | {f'{PRIORS}{name}': std for name, std in config.priors.items()}
+    values |= {f'{PRIORS}{name}': std for name, std in config.priors.items()}
+    known = config.covariance
+    return values if known is None else values | {NAMES: list(known.names), MATRIX: known.matrix.ravel().tolist()}
 
 
 def folders_of(found: FoundStructure) -> list[str]:
@@ -514,7 +556,8 @@ def checked(given: Mapping[str, RawValue], objects: Mapping[str, FoundEffect] = 
     """
     own = checked_structure(given)
     stds = {name.removeprefix(PRIORS): one for name, one in given.items() if name.startswith(PRIORS)}
-    given = {name: one for name, one in given.items() if not name.startswith(PRIORS)}
+    together = {name: one for name, one in given.items() if name in (NAMES, MATRIX)}
+    given = {name: one for name, one in given.items() if not name.startswith(PRIORS) and name not in together}
     structure = own.structure
     defaults, ranges, texts = structure.default_values, structure.all_parameters, settings_of(structure)
     known = {name: RawValue(value, 'default') for name, value in defaults.items()}
@@ -538,7 +581,8 @@ def checked(given: Mapping[str, RawValue], objects: Mapping[str, FoundEffect] = 
     effects = tuple(active_effect(name, found, known, asked) for name in names_in('effects.active', asked))
     values = {name: float(known[name].value) for name in defaults}
     priors = checked_priors(stds, structure, effects)
-    return Config(values, structure.family, kinetics, effects, settings, own if own.files else None, priors)
+    made = Config(values, structure.family, kinetics, effects, settings, own if own.files else None, priors)
+    return made.with_covariance(covariance_given(together or None, structure, effects))
 
 
 def checked_kinetics(name: str, one: RawValue, given: Mapping[str, RawValue]) -> str:

@@ -20,6 +20,7 @@ HEAD = f"""\
 """
 KINETICS = f'{" | ".join(MODELS)}; {AUTO}: simulations are {MODELS[0]}, fits take the more probable of both'
 KNOWN = 'standard deviations of values above as they are known before a fit, in their units'
+TOGETHER = 'of fitted values, row by row: of logarithms of what is positive by nature, else in their units'
 ACTIVE = 'names of effects to switch on, such as [gravity, natural_convection]; list: sma-sim effects'
 PATHS = 'folders with effect files of your own; relative ones start at this file'
 STRUCTURE_PATHS = 'folders with structure files of your own; relative ones start at this file'
@@ -39,7 +40,7 @@ def parameter_file(config: Config, effect_paths: Sequence[str] = (), structure_p
     for group, members in groups_of(config.structure.structure).items():
         lines += [f'{group}:', *(f'  {line(p, config.parameters[f"{group}.{p.name}"])}' for p in members)]
         lines += [f'  {setting_line(name, setting, config)}' for name, setting in settings if name.startswith(f'{group}.')]
-    lines += [*effect_lines(config, effect_paths), *prior_lines(config)]
+    lines += [*effect_lines(config, effect_paths), *prior_lines(config), *covariance_lines(config)]
     paths = folders_of(config.structure) if structure_paths is None else structure_paths
     lines += ['structures:', f'  paths: {words(paths)}  # {STRUCTURE_PATHS}']
     return HEAD + ''.join(f'    {line}\n' for line in lines)
@@ -75,6 +76,16 @@ def prior_lines(config: Config) -> Iterator[str]:
         yield f'priors:  # {KNOWN}'
     for name, std in config.priors.items():
         yield f'  {name}: {yaml_number(std)}'
+
+
+def covariance_lines(config: Config) -> Iterator[str]:
+    """How well fitted values are known together."""
+    if config.covariance is None:
+        return
+    yield f'covariance:  # {TOGETHER}'
+    yield f'  names: {words(config.covariance.names)}'
+    rows = [', '.join(map(yaml_number, row)) for row in config.covariance.matrix.tolist()]
+    yield from ('  matrix: [', *(f'    {row},' for row in rows[:-1]), f'    {rows[-1]}]')
 
 
 def line(parameter: Parameter, value: float) -> str:

@@ -82,8 +82,8 @@ class WireGuard:
         self._command = make_publisher(node, kind, topic, LAST_FEW)
         own = {self._request: kind, **estimated_topics(self._structure.wires)}
         for name, message_kind in own.items():
-            make_subscription(node, message_kind, name, partial(self._hear, name), LAST_FEW)
-        node.create_subscription(JointState, 'joint_states', partial(self._hear, 'joint_states'), SENSOR_QOS)
+            make_subscription(node, message_kind, name, partial(self._receive, name), LAST_FEW)
+        node.create_subscription(JointState, 'joint_states', partial(self._receive, 'joint_states'), SENSOR_QOS)
         make_subscription(node, Temperature, 'ambient_temperature', self.ambient.receive, LAST_FEW)
         heard = {**own, 'joint_states': JointState, 'ambient_temperature': Temperature}
         self._graph_check = GraphCheck(node, [topic], heard, self._request)
@@ -98,18 +98,24 @@ class WireGuard:
         """Pass commands on until `stop` is set."""
         diagnose_at = time.monotonic()
         while not stop.is_set():
-            now, due = time.monotonic(), False
-            while self._new:
-                due = self._new.popleft() in (f'{PREFIX}wire_modes', self._request) or due
-            silent = self._silent(now)
-            if silent:
-                self._turn_off(silent, now)
-            elif due:
-                self._pass_on(now)
+            now = time.monotonic()
+            self.look(now)
             if now >= diagnose_at:
                 diagnose_at = now + DIAGNOSTICS_PERIOD
                 self._diagnose()
             time.sleep(POLL_PERIOD)
+
+    def look(self, now: float) -> Decision:
+        """Look at the messages that have come until `now` [s] and publish what they ask for; what is in force then."""
+        due = False
+        while self._new:
+            due = self._new.popleft() in (f'{PREFIX}wire_modes', self._request) or due
+        silent = self._silent(now)
+        if silent:
+            self._turn_off(silent, now)
+        elif due:
+            self._pass_on(now)
+        return self._decision
 
     def close(self) -> None:
         """Leave zero behind, and the counts."""
@@ -119,9 +125,13 @@ class WireGuard:
             print(f'{self.topic}: not every listener has confirmed the last message, {WARNING}', file=sys.stderr)
         self._save()
 
-    def _hear(self, topic: str, message: Any) -> None:
-        self._heard[topic] = (time.monotonic(), message)
+    def hear(self, topic: str, message: Any, now: float) -> None:
+        """A message of a topic came at `now` [s], which does not go back."""
+        self._heard[topic] = (now, message)
         self._new.append(topic)
+
+    def _receive(self, topic: str, message: Any) -> None:
+        self.hear(topic, message, time.monotonic())
 
     def _apply_T_E(self) -> None:
         self.ambient.apply()

@@ -17,6 +17,7 @@ from launch_ros.actions import Node
 
 from sma_sim.model.structures.discovery import package_structures
 from sma_sim.ros.bag_names import record_of_side
+from sma_sim.ros.command import GUARDED_TIMEOUT
 
 PACKAGE = 'sma_sim'
 EXAMPLES = {'controller': 'alpha_controller', 'trajectory_follower': 'alpha_trajectory_controller'}  # file: node
@@ -173,9 +174,13 @@ def two_modules(given: ModuleArguments) -> list[Action]:
 
 
 def module_node(given: ModuleArguments) -> Node:
-    """The simulated module; its parameter file comes before the other arguments, which win."""
-    recorded = [f'node.record:={quoted(given.record)}'] if given.record else []
-    return package_node('sma_module_sim', given, recorded)
+    """The simulated module; its parameter file comes before the other arguments, which win.
+
+    Nothing can be published for a guard that is killed, so that a module with one turns the heating off by itself.
+    """
+    more = [f'node.record:={quoted(given.record)}'] if given.record else []
+    more += [f'node.command_timeout:={GUARDED_TIMEOUT}'] if given.guard else []
+    return package_node('sma_module_sim', given, more)
 
 
 def guarding_nodes(given: ModuleArguments) -> list[Action]:

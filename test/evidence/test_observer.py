@@ -158,6 +158,59 @@ def test_nothing_is_learned_of_what_no_measurement_tells(robot):
     assert found[-1].x_M_std.min() > 0.03
 
 
+def test_the_scale_of_temperatures_stays_as_uncertain_as_the_parameters_that_have_it():
+    """sigma_T, c_V and lambda that are all off by the same factor: neither forces nor heating tell, however often the filter
+    linearises anew; what it says of T - T_E is what is known of that factor."""
+    nominal, heating = Config().parameters, ((0.0, 0.0), (8.0, 0.5))
+    true = Config({f'wire.{name}': 1.15 * nominal[f'wire.{name}'] for name in ('sigma_T', 'c_V', 'lambda')}, kinetics='mas')
+    channels, T, _ = truth_of(true, heating, 9.0)
+    _, found = observed(Config({'observer.parameter_std': 0.15}), channels, heating, (*POSE, *FORCES))
+    for k in range(int(1.5 * RATE), len(T)):
+        assert found[k].T_std[0] > 0.9 * 0.15 / np.sqrt(3.0) * (found[k].T[0] - 298.0)
+        assert abs(found[k].T[0] - T[k, 0]) < 2.0 * found[k].T_std[0]
+
+
+def beside(nominal, factors):
+    """T and x_M of a robot whose parameters have other factors, and the largest RMSE of a channel beside it over noise."""
+    config = Config({name: factor * nominal.parameters[name] for name, factor in factors.items()} | {'wire.T0': 298.0})
+    (shown, *states), (usual, _, _) = (truth_of(one, HEATING, 12.0) for one in (config, nominal))
+    noise = {name: nominal.parameters[f'check.noise_{name}'] for name in ('alpha', *FORCES)}
+    return states, max(np.sqrt(np.mean((shown[name] - usual[name]) ** 2)) / std for name, std in noise.items())
+
+
+def test_pose_and_forces_do_not_tell_the_scale_of_temperatures():
+    """But for the latent heat, a robot whose sigma_T, c_V and lambda are all larger looks the same; not with one of them."""
+    nominal, s = Config({'wire.T0': 298.0}), 1.1
+    (T, _), difference = beside(nominal, {'wire.sigma_T': s, 'wire.c_V': s, 'wire.lambda': s})
+    usual = truth_of(nominal, HEATING, 12.0)[1]
+    assert np.allclose((T[-10:, 1] - 298.0) / (usual[-10:, 1] - 298.0), 1.0 / s, rtol=0.03)
+    for name in ('sigma_T', 'c_V', 'lambda'):
+        assert beside(nominal, {f'wire.{name}': s})[1] > 3.0 * difference
+
+
+def test_pose_and_forces_do_not_tell_the_scale_of_fractions():
+    nominal, s = Config({'wire.T0': 298.0}), 1.1
+    E_A, E_M = (nominal.parameters[f'wire.{name}'] for name in ('E_A', 'E_M'))
+    softer = 1.0 / (E_M / E_A + s * (1.0 - E_M / E_A))  # with which 1/E_M - 1/E_A is s times as large
+    (_, x_M), difference = beside(nominal, {'wire.eps_T': s, 'wire.E_M': softer})
+    assert difference < 1.0
+    assert np.allclose(x_M / truth_of(nominal, HEATING, 12.0)[2], 1.0 / s, rtol=0.01)
+
+
+def test_an_estimate_that_is_carried_to_where_it_is_stays():
+    one = Observer(Config())
+    for k in range(60):
+        one.update(k / RATE, 6.0, {'F_1': 16.0 + 0.1 * k})
+    size, free = one._size, one._free
+    mean, root = np.zeros(size), np.random.default_rng(1).standard_normal((size, size))
+    mean[one._temperatures], mean[one._fractions] = 320.0 / one._scales[one._temperatures], 4.0
+    mean[one._at.parameters] = 0.5
+    told = np.array([True, True])
+    carried, covariance = one._coordinates.carried(mean, root @ root.T, mean, 300.0, told)
+    assert np.allclose(carried, mean, atol=1e-9) and np.allclose(covariance, root @ root.T, atol=1e-6)
+    assert [one.name for one in free].count('wire.E_M') == 1
+
+
 def test_known_parameters_make_narrow_intervals(robot):
     channels, T, _ = robot
     nominal = Config().parameters

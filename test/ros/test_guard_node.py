@@ -1,7 +1,10 @@
 """The node `sma_guard` between a controller and a robot, over real DDS: this client plays controller, robot and observer."""
 
 import json
+import subprocess
+import sys
 import time
+from contextlib import ExitStack
 
 import pytest
 
@@ -10,9 +13,25 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
 from sensor_msgs.msg import JointState, Temperature  # noqa: E402
 from std_msgs.msg import Float64, Float64MultiArray, UInt8MultiArray  # noqa: E402
 
+from sma_sim import Config  # noqa: E402
+from sma_sim.ros.command import GUARDED_TIMEOUT  # noqa: E402
+from sma_sim.ros.guard_node import POLL_PERIOD, WireGuard  # noqa: E402
+
 GUARD = 'sma_sim.ros.guard_main'
 TOPICS = ((Float64, 'J_eq'), (DiagnosticArray, '/diagnostics'))
 PARTS = ('controller', 'robot', 'observer')
+
+
+CONTROLLER = """
+import rclpy, time
+from std_msgs.msg import Float64
+rclpy.init()
+publisher = rclpy.create_node('controller').create_publisher(Float64, 'J_eq_requested', 10)
+while True:
+    publisher.publish(Float64(data=4.0))
+    time.sleep(0.02)
+"""
+MODULES = {'robot': 'sma_sim.ros.main', 'observer': 'sma_sim.ros.observer_main', 'guard': GUARD}
 
 
 class World:
@@ -119,3 +138,86 @@ def test_what_is_taken_away_is_said_with_its_reason():
             one.executor.spin_once(timeout_sec=0.05)
         assert code == 0 and 'guard.T_max 350 K' in log and 'Traceback' not in log, log
         assert one.seen['J_eq'][-1].data == 0.0  # the last that a robot hears
+
+
+def messages(T=40.0):
+    """One message of everybody, by who says it and topic."""
+    arrays = {'phase_fractions': [0.3, 0.5, 0.03, 0.03], 'wire_stresses': [1e8, 8e7, 1e6, 1e6]}
+    return {
+        'controller': {'J_eq_requested': Float64(data=6.0)},
+        'robot': {'joint_states': JointState(name=['U_x', 'U_y', 'alpha'], position=[-5e-5, 0.0, 0.0])},
+        'observer': {f'estimated/wire_{i}/temperature': Temperature(temperature=T, variance=1.0) for i in (1, 2)}
+        | {f'estimated/{name}': Float64MultiArray(data=data) for name, data in arrays.items()}
+        | {'estimated/wire_modes': UInt8MultiArray(data=[5, 3])},
+    }
+
+
+@pytest.mark.parametrize('part', PARTS)
+def test_zero_follows_the_last_message_of_a_part_within_the_silence_and_one_look(part):
+    """In times that are given, not those of a clock; 0.2 s are asked for."""
+    config = Config()
+    bound = config.parameters['guard.silence'] + POLL_PERIOD
+    assert bound <= 0.2 and GUARDED_TIMEOUT + 1.0 / config.parameters['node.integration_rate'] <= 0.2
+    with ros_client.listener(ros_client.any_domain()) as node:
+        guard, dead_at, last, off_at = WireGuard(node, config, False), 100.5, 0.0, None
+        for k in range(500):
+            now = 100.0 + k * POLL_PERIOD
+            for who, said in messages().items() if k % 5 == 0 else ():
+                for topic, message in said.items() if who != part or now < dead_at else ():
+                    guard.hear(topic, message, now)
+                    last = now if who == part else last
+            J_eq = guard.look(now).J_eq
+            assert J_eq in ((0.0,), (6.0,))
+            assert off_at is None or J_eq == (0.0,)
+            off_at = now if off_at is None and J_eq == (0.0,) else off_at
+        assert off_at is not None and dead_at < off_at <= last + bound + 1e-9
+
+
+class Processes(ros_client.Simulation):
+    """Robot, observer, guard and controller, each a process of its own, and a client that listens."""
+
+    def __init__(self, words):
+        self.words = words
+        super().__init__(*words, topics=((Float64, 'J_eq'), (Float64, 'J_eq_applied')), module=MODULES['robot'])
+        self.parts = {'robot': self.process}
+        for part in ('observer', 'guard', 'controller'):
+            self.start(part)
+
+    def start(self, part):
+        command = ['-c', CONTROLLER] if part == 'controller' else ['-m', MODULES[part], '--ros-args', *self.words]
+        environment = {'PYTHONPATH': str(ros_client.ROOT), **self.environment}
+        self.parts[part] = subprocess.Popen(
+            [sys.executable, *command], env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        self.process = self.parts['robot']
+
+    def kill(self, part):
+        self.parts[part].kill()
+        self.parts[part].wait()
+
+    def wait_for(self, topic, heating, patience=ros_client.REACTION):
+        """Until the last that was heard is heating, or none."""
+        end = time.monotonic() + patience
+        while not self.seen[topic] or (self.seen[topic][-1].data != 0.0) != heating:
+            assert time.monotonic() < end, f'{topic}: waited {patience} s in vain'
+            self.executor.spin_once(timeout_sec=0.01)
+
+
+def test_power_is_zero_whichever_process_is_killed(record_property):
+    """With the longer silences of a busy machine. How long it took is in the report of the test, and no assertion."""
+    words = ['-p', 'guard.silence:=0.5', '-p', 'node.command_timeout:=0.5', '-p', 'guard.T_max:=450.0']
+    with Processes(words) as one, ExitStack() as stack:
+        stack.callback(lambda: [process.kill() for process in one.parts.values()])
+        for part in ('controller', 'observer', 'robot', 'guard'):
+            del one.seen['J_eq'][:]
+            one.wait_for('J_eq', True, ros_client.FIRST_MESSAGE)
+            one.wait_for('J_eq_applied', True)
+            began = time.monotonic()
+            one.kill(part)
+            one.wait_for('J_eq_applied' if part == 'guard' else 'J_eq', False)
+            record_property(f'zero after the {part} was killed [s]', time.monotonic() - began)
+            if part == 'robot':
+                one.kill('observer')  # a robot that starts at rest is another one
+                del one.seen['J_eq_applied'][:]
+            for stopped in {'robot': ('robot', 'observer'), 'guard': ()}.get(part, (part,)):
+                one.start(stopped)

@@ -46,6 +46,7 @@ from sma_sim.evidence.estimation.uncertainty import (
     Uncertainty,
     checked_by_runs,
     information_of,
+    posterior_covariance,
     reduced_runs,
     uncertainty,
     with_other_minima,
@@ -477,7 +478,9 @@ def final_calibration(dataset: Dataset, fit: FitResult, options: FitOptions, con
     rtol = fit.problem.config.parameters['solver.rtol']
     return replace(
         found,
-        config=with_tolerance(with_starts(last.config, found.runs), rtol),
+        config=with_tolerance(with_starts(last.config, found.runs), rtol).with_covariance(
+            known and posterior_covariance(last.problem.free, known)
+        ),
         fixed=choose_free(last.problem.config, options.names, dataset.channels)[1],
         uncertainty=known,
         interrupted=context.stop.is_set(),
@@ -506,7 +509,7 @@ def calibration_of(fit: FitResult, context: SearchContext) -> Calibration:
     errors = errors_by_channel(fit.problem, runs)
     reached = limits_reached(fit.problem, fit.z, runs)
     return Calibration(
-        config=fit.config,
+        config=fit.config.with_covariance(None),
         free=fit.problem.free,
         fixed=(),
         values=fit.values,

@@ -32,6 +32,7 @@ from sma_sim.evidence.estimation.levenberg_marquardt import (
 from sma_sim.evidence.estimation.overdispersion import autocorrelation_time, channel_overdispersion
 from sma_sim.evidence.estimation.problem import EvaluationTask, LinearizedRun, Problem, evaluate, linearized_in_turn
 from sma_sim.evidence.estimation.residuals import FitData
+from sma_sim.model.covariance import ParameterCovariance
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
@@ -44,6 +45,7 @@ MIN_BLOCK, MIN_BLOCKS = 10, 10  # samples of a block; a run has at least so many
 GAUSS_95 = 1.959964
 RISES_BY = 0.25  # part of what derivatives say, by which the cost rises at the end of an interval at least: a valley bends
 MAX_DOUBLINGS = 30  # of an interval at whose ends it does not: from rounding to the bounds of a fit
+UNKNOWN_STD = 1e3  # of a coordinate of which data say nothing
 RULED_OUT = 0.5 * GAUSS_95**2  # log odds: what costs less lies within a 95 % interval
 
 
@@ -201,6 +203,22 @@ def uncertainty(problem: Problem, z: Vector, runs: Sequence[RunInformation]) -> 
         delay_std=float('nan') if problem.delay is not None else problem.shared[p].scale * float(np.sqrt(variance[p])),
         ambient=ambient_differences(problem, z, (covariance, inverse @ scores @ inverse)),
     )
+
+
+def posterior_covariance(free: Sequence[FreeParameter], known: Uncertainty) -> ParameterCovariance | None:
+    """What a fit leaves to know: the information behind the intervals, and that of the priors N(0, 1) of z.
+
+    None where nothing was fitted.
+    """
+    if not free:
+        return None
+    scale = np.array([one.scale for one in free])
+    std = np.nan_to_num([one.std for one in known.intervals] / scale, nan=UNKNOWN_STD, posinf=UNKNOWN_STD)
+    covariance = np.nan_to_num(np.reshape(known.correlation, (len(free), len(free)))) * np.outer(std, std)
+    size, vectors = np.linalg.eigh(covariance)
+    told = np.maximum(1.0 / np.maximum(size, 1e-300) - BOUND_STDS**-2.0, 0.0)  # without what widened priors told
+    matrix = (vectors / (told + 1.0)) @ vectors.T * np.outer(scale, scale)
+    return ParameterCovariance(tuple(one.name for one in free), 0.5 * (matrix + matrix.T))
 
 
 def ambient_differences(problem: Problem, z: Vector, covariances: tuple[Matrix, Matrix]) -> dict[str, AmbientDifference]:

@@ -13,7 +13,8 @@ known of them is in every interval; the lasting difference b keeps the filter fr
 The run that is linearised is not corrected: corrections are carried beside it, by the same tangents, until a new run starts
 from the estimate. A filter that linearises about every new estimate sees its parameters from many points, takes that for
 information about combinations of them that no measurement tells apart, and becomes sure of wrong values (Huang, Mourikis
-and Roumeliotis, Int. J. Robotics Research 29 (2010) 502, of the same in mapping).
+and Roumeliotis, Int. J. Robotics Research 29 (2010) 502, of the same in mapping). Where a new run starts, mean and
+covariance pass through coordinates in which those combinations do not depend on the state (`invariants`).
 
 A robot is taken to be at rest at first. Where its first measurement says otherwise, temperatures and fractions are as
 uncertain as that makes them; and as long as innovations are larger than the filter expects, all that it says has so many
@@ -32,11 +33,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.state_estimation.estimate import Estimate
+from sma_sim.evidence.state_estimation.invariants import InvariantCoordinates
 from sma_sim.evidence.state_estimation.uncertain import (
     channel_discrepancies,
     models_about,
+    prior_correlation,
     uncertain_parameters,
 )
+from sma_sim.model.automaton import INNER
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.expected import expect
@@ -98,8 +102,9 @@ class Observer:
     Parameters
     ----------
     config : Config
-        The model. Standard deviations in its `priors` are those of its parameters; the noise of a channel is
-        ``check.noise_CHANNEL``; how far the robot may be from the model say the parameters ``observer.*``.
+        The model. Its `covariance`, which a fit has left, is that of its parameters, else standard deviations in its
+        `priors` are; the noise of a channel is ``check.noise_CHANNEL``; how far the robot may be from the model say the
+        parameters ``observer.*``.
 
     Raises
     ------
@@ -263,10 +268,19 @@ class Observer:
         self._at, where = propagation.unknowns, propagation.where
         at, wires, p = self._at, self._structure.wires, propagation.model.compiled
         self._size = at.count + len(self.channels)
-        self._walk, self._decay, self._stationary = np.zeros((3, self._size))
+        self._walk, self._decay, stationary = np.zeros((3, self._size))
         temperatures = self._temperatures = slice(p.first_T, p.first_T + wires)
         self._fractions = slice(p.first_x, p.first_x + wires) if p.mas else at.fractions
         unit = propagation.scales[p.first_x] if p.mas else FRACTION_SCALE
+        self._coordinates = InvariantCoordinates(
+            self._free,
+            self.config.parameters,
+            at,
+            np.arange(at.count)[temperatures],
+            np.arange(at.count)[self._fractions],
+            propagation.scales[temperatures],
+            np.full(wires, unit),
+        )
         self._walk[temperatures] = (u['T_walk'] / propagation.scales[temperatures]) ** 2
         self._walk[self._fractions] = (u['x_M_walk'] / unit) ** 2
         for place, std, time in (
@@ -275,11 +289,14 @@ class Observer:
             (at.T_E, u['T_E_std'], u['T_E_time']),
             (slice(at.count, self._size), channel_discrepancies(self.config), u['discrepancy_time']),
         ):
-            self._decay[place], self._stationary[place] = 1.0 / time, np.square(std)
-        self._at_start = self._stationary.copy()
-        self._at_start[temperatures] = (u['initial_T_std'] / propagation.scales[temperatures]) ** 2
-        self._at_start[: p.coordinates] = u['discrepancy'] ** 2
-        self._at_start[self._fractions] = (u['initial_x_M_std'] / unit) ** 2
+            self._decay[place], stationary[place] = 1.0 / time, np.square(std)
+        self._stationary = np.diag(stationary)
+        self._stationary[at.parameters, at.parameters] = prior_correlation(self.config, self._free)
+        of_states = np.zeros(self._size)
+        of_states[temperatures] = (u['initial_T_std'] / propagation.scales[temperatures]) ** 2
+        of_states[: p.coordinates] = u['discrepancy'] ** 2
+        of_states[self._fractions] = (u['initial_x_M_std'] / unit) ** 2
+        self._at_start = self._stationary + np.diag(of_states)
         self._shown = np.arange(where.sensed.start, where.sensed.stop)
         of_wire = where.wires.start + PER_WIRE * np.arange(wires)
         self._outputs = np.concatenate([of_wire + WIRE_COLUMNS.index(name) for name in OUTPUTS])
@@ -298,7 +315,7 @@ class Observer:
                 column[at.fractions] = (beside.x_frozen - run.state.x_frozen) / FRACTION_SCALE / DELTA
         mean = np.zeros(self._size)
         mean[at.parameters.start : at.count] = reference.extra
-        return Belief(time, reference, run, mean, spread @ np.diag(self._at_start) @ spread.T, heating, T_E, 1.0, False)
+        return Belief(time, reference, run, mean, spread @ self._at_start @ spread.T, heating, T_E, 1.0, False)
 
     def _after(self, event: Event) -> Belief:
         """The belief after an event that follows those that there are beliefs of."""
@@ -350,7 +367,7 @@ class Observer:
         transition[: at.count, : at.count] = moved
         transition[at.parameters.start : at.count] *= decay[at.parameters.start : at.count, None]
         before = belief.covariance + np.diag(self._walk * dt)
-        covariance = transition @ before @ transition.T + np.diag(self._stationary * (1.0 - decay**2))
+        covariance = transition @ before @ transition.T + self._stationary * (1.0 - np.outer(decay, decay))
         mean = belief.mean * decay
         mean[: at.parameters.start] = moved[: at.parameters.start] @ self._beside(belief)
         return belief._replace(time=time, run=run, mean=mean, covariance=covariance)
@@ -411,18 +428,28 @@ class Observer:
         """The same belief about a run that starts from the estimate."""
         at, before = self._at, belief.reference
         lasted = min(LONGER * (before.until - before.since), LONGEST_RUN)
-        extra = belief.mean[at.parameters.start : at.count].copy()
-        reference = self._reference(extra, belief.time, belief.time + lasted)
-        run, p = copy_of_run(before.propagation.model, belief.run), reference.propagation.model.compiled
+        run, p, scales = (
+            copy_of_run(before.propagation.model, belief.run),
+            before.propagation.model.compiled,
+            before.propagation.scales,
+        )
         state, mean = run.state, belief.mean.copy()
-        state.y[:] += reference.propagation.scales * mean[at.states]
+        about = np.zeros(self._size)
+        about[at.states], about[at.fractions] = state.y / scales, state.x_frozen / FRACTION_SCALE
+        about[at.parameters.start : at.count] = before.extra
+        estimate = belief.mean.copy()
+        estimate[: at.parameters.start] += about[: at.parameters.start]
+        told = np.ones(p.wires, dtype=bool) if p.mas else state.mode == INNER
+        mean, covariance = self._coordinates.carried(estimate, belief.covariance, about, belief.T_E, told)
+        state.y[:] = scales * mean[at.states]
         if p.mas:
             fractions = slice(p.first_x, p.first_x + p.wires)
             state.y[fractions] = np.clip(state.y[fractions], 0.0, 1.0)
         else:
-            state.x_frozen[:] = np.clip(state.x_frozen + FRACTION_SCALE * mean[at.fractions], 0.0, 1.0)
+            state.x_frozen[:] = np.clip(FRACTION_SCALE * mean[at.fractions], 0.0, 1.0)
+        reference = self._reference(mean[at.parameters.start : at.count].copy(), belief.time, belief.time + lasted)
         mean[: at.parameters.start] = 0.0
-        return belief._replace(reference=reference, run=run, mean=mean)
+        return belief._replace(reference=reference, run=run, mean=mean, covariance=0.5 * (covariance + covariance.T))
 
     def _estimate_of(self, belief: Belief) -> Estimate:
         sample, derivatives = self._seen(belief)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,23 +22,40 @@ from sma_sim.solver.model import Model
 from sma_sim.solver.propagation import DELTA
 
 Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
 
 
 def uncertain_parameters(config: Config) -> tuple[FreeParameter, ...]:
     """The parameters that a filter estimates beside the states, in coordinates with the prior N(0, 1).
 
-    They are those that a fit changes, with their standard deviations in `Config.priors`. Where these say nothing,
-    observer.parameter_std and length_std hold; of parameters of effects the prior covers the realistic range.
+    They are those that a fit changes, with their standard deviations in `Config.covariance`, which a fit has left, else in
+    `Config.priors`. Where these say nothing, observer.parameter_std and length_std hold; of parameters of effects the prior
+    covers the realistic range.
     """
     declared, values = declared_parameters(config), values_of(config)
     lengths, others = (config.parameters[f'observer.{name}'] for name in ('length_std', 'parameter_std'))
+    known = config.covariance
+    fitted = {} if known is None else dict(zip(known.names, np.sqrt(np.diag(known.matrix)).tolist(), strict=True))
     found = []
     for one in choose_free(config)[0]:
         value, std = values[one.name], config.priors.get(one.name)
-        if std is None and one.log and not one.name.startswith('effects.'):
+        if one.name in fitted:
+            std = fitted[one.name] * (value if one.log else 1.0)
+        elif std is None and one.log and not one.name.startswith('effects.'):
             std = value * (lengths if one.name in NARROW_PRIOR_STDS else others)
         found.append(free_parameter(one.name, value, declared[one.name], std))
     return tuple(found)
+
+
+def prior_correlation(config: Config, free: Sequence[FreeParameter]) -> Matrix:
+    """Correlations of the coordinates of parameters (P, P): those that a fit has left, none of others."""
+    names, known, found = [one.name for one in free], config.covariance, np.eye(len(free))
+    if known is not None:
+        both = [name for name in known.names if name in names]
+        at, matrix = [names.index(name) for name in both], known.of(both).matrix
+        std = np.sqrt(np.diag(matrix))
+        found[np.ix_(at, at)] = matrix / np.outer(std, std)
+    return found
 
 
 def configured(config: Config, free: tuple[FreeParameter, ...], z: Vector) -> Config:
