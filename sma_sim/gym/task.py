@@ -168,7 +168,6 @@ def with_parameters(config: Config, values: Mapping[str, float]) -> Config:
         config.settings,
         config.own_structure,
         config.priors,
-        config.covariance,
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from shlex import quote
 from types import MappingProxyType
@@ -118,8 +118,6 @@ class Config(Comparable):
         The structure where it is not one of the package and has files.
     priors : mapping of str to float
         How well values are known before a fit: standard deviations in SI units by full name, such as ``{'wire.E_A': 5e8}``.
-    covariance : ParameterCovariance, optional
-        How well they are known together after one.
 
     Attributes
     ----------
@@ -132,7 +130,7 @@ class Config(Comparable):
     own_structure : FoundStructure or None
         The structure where it is not one of the package.
     covariance : ParameterCovariance or None
-        Covariance of fitted values, which `Observer` starts with; further fits do not.
+        Covariance of fitted values, which `with_covariance` sets and `Observer` starts with; further fits do not.
 
     Raises
     ------
@@ -153,7 +151,7 @@ class Config(Comparable):
     settings: Mapping[str, str | bool]
     own_structure: FoundStructure | None
     priors: Mapping[str, float]
-    covariance: ParameterCovariance | None
+    covariance: ParameterCovariance | None = field(init=False)
 
     def __init__(
         self,
@@ -164,7 +162,6 @@ class Config(Comparable):
         settings: Mapping[str, str | bool] = NOTHING,
         own_structure: FoundStructure | None = None,
         priors: Mapping[str, float] = NOTHING,
-        covariance: ParameterCovariance | None = None,
     ) -> None:
         base = structure_named(system, own_structure)
         of_effects, values = split_parameters(as_mapping('parameters', parameters))
@@ -194,13 +191,13 @@ class Config(Comparable):
             settings=MappingProxyType({name: setting.default for name, setting in texts.items()} | chosen),
             own_structure=base if is_own else None,
             priors=MappingProxyType(checked_priors(stds, structure, active)),
-            covariance=covariance_given(covariance, structure, active),
+            covariance=None,
         )
 
     def with_covariance(self, covariance: ParameterCovariance | None) -> Config:
-        """The same with another covariance of its values, or none; unchecked, as `variant`."""
+        """The same with another covariance of its values, or none. Raises UserError for what is none of them."""
         made = self.variant()
-        made.__dict__['covariance'] = covariance
+        made.__dict__['covariance'] = covariance_given(covariance, self.structure.structure, self.effects)
         return made
 
     def variant(
@@ -269,7 +266,8 @@ class Config(Comparable):
             [n for n in self.covariance.names if n in kept or n.startswith('effects.')]
         )
         own_structure = None if self.own_structure is None else found
-        return Config(kept, other.family, self.kinetics, effects, settings, own_structure, priors, known)
+        made = Config(kept, other.family, self.kinetics, effects, settings, own_structure, priors)
+        return made.with_covariance(known)
 
     def __repr__(self) -> str:
         defaults = self.structure.structure.default_values
@@ -293,11 +291,11 @@ def covariance_given(
 
     Raises ConfigError.
     """
-    if given is None or isinstance(given, ParameterCovariance) and not given.names:
-        return None
     if isinstance(given, ParameterCovariance):
-        where = in_config('covariance')
-        given = {NAMES: RawValue(given.names, where), MATRIX: RawValue(given.matrix, where)}
+        where = 'in with_covariance'
+        given = {NAMES: RawValue(given.names, where), MATRIX: RawValue(given.matrix, where)} if given.names else None
+    if not given:
+        return None
     if given.keys() != {NAMES, MATRIX}:
         raise ConfigError(f'{next(iter(given))} ({next(iter(given.values())).where}): expected both {NAMES} and {MATRIX}')
     active = [one.found.effect.name for one in effects]
@@ -582,7 +580,7 @@ def checked(given: Mapping[str, RawValue], objects: Mapping[str, FoundEffect] = 
     values = {name: float(known[name].value) for name in defaults}
     priors = checked_priors(stds, structure, effects)
     made = Config(values, structure.family, kinetics, effects, settings, own if own.files else None, priors)
-    return made.with_covariance(covariance_given(together or None, structure, effects))
+    return made.with_covariance(covariance_given(together, structure, effects))
 
 
 def checked_kinetics(name: str, one: RawValue, given: Mapping[str, RawValue]) -> str:

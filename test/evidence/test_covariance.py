@@ -22,7 +22,7 @@ MATRIX = np.array([[4e-4, 3.6e-4, 0.0], [3.6e-4, 4e-4, 0.0], [0.0, 0.0, 0.04]])
 
 
 def known(matrix=MATRIX, names=NAMES):
-    return Config(effects='gravity', covariance=ParameterCovariance(names, np.array(matrix)))
+    return Config(effects='gravity').with_covariance(ParameterCovariance(names, np.array(matrix)))
 
 
 def test_a_file_keeps_it(tmp_path):
