@@ -479,7 +479,7 @@ def final_calibration(dataset: Dataset, fit: FitResult, options: FitOptions, con
     return replace(
         found,
         config=with_tolerance(with_starts(last.config, found.runs), rtol).with_covariance(
-            known and posterior_covariance(last.problem.free, known)
+            posterior_covariance(last.problem.free, known) if known else None
         ),
         fixed=choose_free(last.problem.config, options.names, dataset.channels)[1],
         uncertainty=known,
