@@ -52,6 +52,7 @@ from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis, diagnose
 from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.prepared_fit import prepare
 from sma_sim.evidence.estimation.problem import Problem
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT
@@ -204,7 +205,7 @@ def odds_of_truth(made: Challenge, pool: Executor) -> tuple[float | None, str | 
         return None, None
     training, _ = hold_out_last(made.dataset, None)
     context = SearchContext(pool, Event())
-    nominal = nominal_fit(training, replace(made.nominal, kinetics='mas'), DiagnosisRequest('mas'), context)
+    nominal = nominal_fit(prepare(training, made.nominal, 'mas'), DiagnosisRequest().options, context)
     log_prior = -SPARSITY - math.log(len(candidates_for(made.nominal)))
     laws = [(one.truth.library or UNLISTED, as_simulated(one, made.nominal)) for one in hidden]
     whole = evidence_with([law for _, law in laws], made.robot, nominal, log_prior, context)

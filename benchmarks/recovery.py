@@ -27,6 +27,7 @@ from sma_sim.challenge.make import RecordingPlan, challenge_with
 from sma_sim.challenge.truth import Truth
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.diagnose import diagnose
+from sma_sim.evidence.estimation.prepared_fit import prepare
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit
 from sma_sim.model.effects.scope import SEPARATOR
@@ -68,7 +69,8 @@ def at_strength(
     full = challenge_with((truth,), seed, forces, plan)
     values = {name: value for name, (value, _) in full.answer.effects[0].parameters.items()}
     training, _ = hold_out_last(full.dataset, None)
-    left = nominal_fit(training, full.nominal, DiagnosisRequest('mas'), SearchContext(pool, Event())).error
+    start = prepare(training, full.nominal, 'mas')
+    left = nominal_fit(start, DiagnosisRequest().options, SearchContext(pool, Event())).error
     factor = math.sqrt((error**2 - 1.0) / max(left**2 - 1.0, 1e-4))
     return scaled(truth, values, STRENGTHS[effect], factor), factor
 

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from sma_sim.challenge.make import make_challenge
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.estimation.executors import executor_or_threads
+from sma_sim.evidence.estimation.prepared_fit import prepare
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fits
 from sma_sim.evidence.search.beam import Book, search
@@ -36,8 +37,9 @@ def main() -> None:
     made = make_challenge(SEED, len(HIDDEN), kinds=HIDDEN)
     training, _ = hold_out_last(made.dataset, None)
     with executor_or_threads(None) as pool:
-        context, request = SearchContext(pool, Event(), print), DiagnosisRequest()
-        book = search([on_run_subset(fit) for fit in nominal_fits(training, made.nominal, request, context)], context)
+        context, start = SearchContext(pool, Event(), print), prepare(training, made.nominal)
+        nominal = nominal_fits(start, DiagnosisRequest().options, context)
+        book = search([on_run_subset(fit) for fit in nominal], context)
     posterior, rows = posterior_of(book), rows_of(book)
     for behind, error, names in rows:
         print(f'{behind:10.1f} {error:7.3f} {" + ".join(names)}')

@@ -15,7 +15,7 @@ from sma_sim.cli.common.data import (
     add_search_options,
     check_outputs,
     chosen_executor,
-    from_curves,
+    print_curves,
     print_progress,
     print_written,
     provenance_of,
@@ -67,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_outputs(arguments, arguments.out)
     given = config_from(arguments, *system_words(arguments))
     training, held_out = read_data(arguments, given)
-    (config,) = from_curves(training, given)
+    print_curves(training)
     folders = tuple(effect_folders_of(arguments.config, arguments.words))
     announce_first_compilation()
     options = FitOptions(starts=NOMINAL_STARTS, limits=limits_from(arguments.limits), material=arguments.material)
@@ -76,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     with stoppable():  # also while files are written: the steps so far are to be in all of them
         with chosen_executor(arguments) as executor:
-            found = diagnose(training, config, held_out, request, executor, print_progress)
+            found = diagnose(training, given, held_out, request, executor, print_progress)
         print(*as_text(found), sep='\n', flush=True)  # first: a disk may be full
         written = write_outputs(arguments, found, given, *hold_out_last(training, held_out))
     print_written(arguments.out, written, arguments.report, arguments.json)

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from sma_sim.evidence.data.display_units import DISPLAY_UNITS
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording, in_order
 from sma_sim.evidence.estimation.executors import executor_or_threads
+from sma_sim.evidence.estimation.prepared_fit import started_from_curves
 from sma_sim.evidence.estimation.residuals import FitData, Nuisance, fit_data
-from sma_sim.evidence.estimation.starting_values import started_from_curves
 from sma_sim.evidence.residual_analysis.compare import ComparedRun, compare, run_beside_model
 from sma_sim.evidence.residual_analysis.metrics import error_over_noise, pooled_over_channels
 from sma_sim.explore.decimation import decimated

@@ -21,8 +21,8 @@ from sma_sim.evidence.estimation.calibrate import FitOptions, calibrate
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.interruption import stoppable
 from sma_sim.evidence.estimation.limits import limits_from
+from sma_sim.evidence.estimation.prepared_fit import started_from_curves
 from sma_sim.evidence.estimation.search_context import OnModel, silent_model
-from sma_sim.evidence.estimation.starting_values import started_from_curves
 from sma_sim.evidence.model_selection.nominal_fit import NOMINAL_STARTS, DiagnosisRequest
 from sma_sim.evidence.residual_analysis.compare import Comparison, compare
 from sma_sim.evidence.residual_analysis.summary import summarize

@@ -14,9 +14,10 @@ from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.estimation.calibrate import FitOptions, problem_for
 from sma_sim.evidence.estimation.levenberg_marquardt import start_point
+from sma_sim.evidence.estimation.prepared_fit import prepare
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import with_effect
-from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit
+from sma_sim.evidence.model_selection.nominal_fit import nominal_fit
 from sma_sim.evidence.search.beam import search
 from sma_sim.evidence.search.equations import has_terms, proposal_of
 from sma_sim.evidence.search.posterior import posterior_of
@@ -171,8 +172,7 @@ def ripple():
     training, _ = hold_out_last(case.dataset, None)
     with ThreadPoolExecutor(2) as pool:
         context = SearchContext(pool, Event(), variants=False, kinetics=('mas',))
-        request = DiagnosisRequest('mas')
-        nominal = nominal_fit(training, case.nominal, replace(request, options=replace(request.options, starts=1)), context)
+        nominal = nominal_fit(prepare(training, case.nominal, 'mas'), FitOptions(starts=1), context)
         book = search([nominal], context)
         posterior = posterior_of(book)
         assert has_terms(posterior.best), posterior.best.names

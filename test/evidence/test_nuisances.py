@@ -10,7 +10,7 @@ from sma_sim.cli.main import main
 from sma_sim.evidence.data.tables import write_columns
 from sma_sim.evidence.estimation.calibrate import problem_for
 from sma_sim.evidence.estimation.held_out_prediction import evaluate_held_out
-from sma_sim.evidence.estimation.nuisance_effects import starting_model
+from sma_sim.evidence.estimation.prepared_fit import prepare
 from sma_sim.solver.inputs import inputs_at
 from sma_sim.words.nuisances import nuisance_data, nuisance_sentences
 
@@ -150,7 +150,7 @@ def test_what_a_bench_adds_is_no_finding(tmp_path):
 def test_what_a_map_cannot_say(mapping, message, tmp_path):
     paths = heated(tmp_path)
     with pytest.raises(UserError, match=message):
-        starting_model(dataset_of(paths, mapping), read_config(words=BENCH))
+        prepare(dataset_of(paths, mapping), read_config(words=BENCH))
 
 
 def test_a_fit_of_named_parameters_has_those_of_the_bench_where_it_is_part_of_the_model(tmp_path):
@@ -158,14 +158,14 @@ def test_a_fit_of_named_parameters_has_those_of_the_bench_where_it_is_part_of_th
     dataset = dataset_of(heated(tmp_path), 'nuisances: {power_scale: {k: 0.1}}')
     without, options = read_config(words=BENCH), FitOptions(('wire.E_A',), 'hybrid')
     assert [p.name for p in problem_for(dataset, without, options, 1).free] == ['wire.E_A']
-    with_it = problem_for(dataset, starting_model(dataset, without), options, 1)
+    with_it = problem_for(dataset, prepare(dataset, without).config, options, 1)
     assert [(p.name, p.scale) for p in with_it.free if p.name != 'wire.E_A'] == [('effects.power_scale.k', 0.1)]
-    assert not problem_for(dataset, starting_model(dataset, without), FitOptions(()), 1).free
+    assert not problem_for(dataset, prepare(dataset, without).config, FitOptions(()), 1).free
 
 
 def test_what_is_active_already_stays(tmp_path):
     dataset = dataset_of(heated(tmp_path), 'nuisances: {power_scale: {k: 0.1}}')
     given = read_config(words=BENCH, effects=['power_scale:k=1.3'])
-    assert starting_model(dataset, given) == given
-    (added,) = starting_model(dataset, read_config(words=BENCH)).effects
+    assert prepare(dataset, given).config == given
+    (added,) = prepare(dataset, read_config(words=BENCH)).config.effects
     assert added.found.effect.name == 'power_scale' and added.values == (1.0,)

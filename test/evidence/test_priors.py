@@ -10,7 +10,7 @@ from simulated_data import config, dataset, scaled
 from sma_sim import Config, FitOptions, calibrate, read_config
 from sma_sim.evidence.estimation.free_parameters import choose_free
 from sma_sim.evidence.estimation.plausibility import implausible_parameters
-from sma_sim.evidence.estimation.starting_values import started_from_curves
+from sma_sim.evidence.estimation.prepared_fit import started_from_curves
 from sma_sim.model.config import flat_parameters
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameter_file import parameter_file

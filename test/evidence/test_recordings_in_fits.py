@@ -9,13 +9,20 @@ from systems import active
 
 from sma_sim import Config, Dataset, Recording, module_input, wire_input
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
-from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, FreeParameter, choose_free, default_names
+from sma_sim.evidence.estimation.free_parameters import (
+    BOUND_STDS,
+    FreeParameter,
+    choose_free,
+    default_names,
+    under_nuisance_priors,
+    with_nuisance_names,
+    with_prior_std,
+)
 from sma_sim.evidence.estimation.held_out_prediction import (
     RunFit,
     nuisances_of,
     own_unknowns,
 )
-from sma_sim.evidence.estimation.nuisance_effects import under_nuisance_priors, with_nuisance_names, with_prior_std
 from sma_sim.evidence.estimation.problem import (
     AMBIENT_STEP,
     DEFAULT_STEP,

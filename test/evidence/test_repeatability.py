@@ -13,6 +13,7 @@ from sma_sim.cli.main import main
 from sma_sim.evidence.data.repeatability import repeatability
 from sma_sim.evidence.diagnosis import diagnose
 from sma_sim.evidence.estimation.held_out_prediction import evaluate_held_out
+from sma_sim.evidence.estimation.prepared_fit import prepare
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 
@@ -136,21 +137,22 @@ class Verdict:
 
     verdict: str
     names: tuple[str, ...] = ()
+    set_up: tuple = ()
     together: object = None
 
 
 @pytest.mark.parametrize('verdict', ['unknown_effect', 'missing_effect', 'none'])
 def test_held_out_runs_are_searched_too_where_the_others_do_not_tell(verdict, monkeypatch):
-    def search(data, config, request, context):
-        assert data.held_out is None and not request.equation
-        return Verdict('missing_effect', tuple(recording.name for recording in data.training.recordings))
+    def search(start, held_out, request, context, faults):
+        assert held_out is None and not request.equation and faults == ()
+        return Verdict('missing_effect', tuple(recording.name for recording in start.dataset.recordings))
 
     monkeypatch.setattr(diagnose, 'search_effects', search)
     source = Input([0.0, 1.0], [[0.0, 298.0], [0.0, 298.0]], (False, False))
     one, other = (Dataset((Recording(name, 'slider', np.arange(2.0), {}, source),)) for name in 'ab')
     with ThreadPoolExecutor(1) as pool:
-        context = SearchContext(pool, Event())
-        found = diagnose.searched_together(Verdict(verdict), one, other, Config(), DiagnosisRequest(), context)
+        context, start = SearchContext(pool, Event()), prepare(one, Config(system='slider'))
+        found = diagnose.searched_together(Verdict(verdict), start, other, DiagnosisRequest(), context, ())
     assert found.verdict == verdict
     assert (found.together is not None) == (verdict == 'unknown_effect')
     assert found.together is None or found.together.names == ('a', 'b')

@@ -22,9 +22,11 @@ from sma_sim.evidence.estimation.held_out_prediction import (
     predict_runs,
     with_starts,
 )
+from sma_sim.evidence.estimation.prepared_fit import PreparedFit
 from sma_sim.evidence.estimation.run_subset import MAX_SUBSET_RUNS, from_subset, run_subset, subset_indices, to_subset
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.starting_points import StartingPoint
+from sma_sim.evidence.estimation.starting_values import CurveFeatures
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS, WEAKLY_DAMPED
 
 
@@ -145,14 +147,13 @@ def test_each_start_is_minimised_and_others_are_said_beside_the_best(monkeypatch
         return replace(fit, problem=whole, z=z, iterations=11)
 
     monkeypatch.setattr(calibration, 'problem_for', lambda *_: problem)
-    monkeypatch.setattr(calibration, 'shown_by_curves', lambda *_: {})
     monkeypatch.setattr(calibration, 'starting_points', starts)
     monkeypatch.setattr(starts_of_fits, 'minimize', minimized)
     monkeypatch.setattr(calibration, 'continued_fit', continued)
     monkeypatch.setattr(calibration, 'overdispersion', lambda *_: 2.0)
     recordings = tuple(SimpleNamespace(time=np.arange(10.0)) for _ in range(10))
     context = SearchContext(None, Event())
-    found = calibration.multistart_search(SimpleNamespace(recordings=recordings), Config(), FitOptions(starts=3), context)
+    found = calibration.multistart_search(start_of(SimpleNamespace(recordings=recordings)), FitOptions(starts=3), context)
     assert sorted(made[:3], key=lambda one: one[2]) == [
         (8, FROM_PRIORS.damping, 0.0), (8, WEAKLY_DAMPED.damping, 0.1), (8, WEAKLY_DAMPED.damping, 0.2),
     ]  # fmt: skip
@@ -186,6 +187,11 @@ def test_where_the_error_is_far_below_the_noise_weights_grow(monkeypatch, errors
     assert found.problem.config.parameters['solver.rtol'] == (1e-6 if stages == 1 else 1e-7)
 
 
+def start_of(dataset, kinetics=('hybrid', 'mas')):
+    """What a fit of a module without tests of its wires begins with."""
+    return PreparedFit(dataset, Config(), CurveFeatures(()), kinetics)
+
+
 @pytest.mark.parametrize(
     ('evidences', 'taken', 'kinetics'),
     [((-10.0, -30.0), 'hybrid', 'hybrid'), ((-30.0, -10.0), 'mas', 'mas'), ((-11.0, -10.0), 'hybrid', 'auto')],
@@ -193,7 +199,8 @@ def test_where_the_error_is_far_below_the_noise_weights_grow(monkeypatch, errors
 def test_of_two_kinetics_the_more_probable_ones_are_taken(monkeypatch, evidences, taken, kinetics):
     problem, tried = problem_of(2), []
 
-    def search(_, config, __, ___):
+    def search(start, _, __):
+        config = start.config
         tried.append(config.simulated_kinetics)
         return fit_of(
             replace(problem, config=config), 1.0, {'hybrid': 5.0, 'mas': 4.0}[config.kinetics], model=config.kinetics
@@ -201,9 +208,9 @@ def test_of_two_kinetics_the_more_probable_ones_are_taken(monkeypatch, evidences
 
     monkeypatch.setattr(calibration, 'multistart_search', search)
     monkeypatch.setattr(calibration, 'log_evidences', lambda fits, _: evidences)
-    found, probabilities = calibration.fit_with_kinetics(None, Config(), FitOptions(), SearchContext(None, Event()))
+    found, probabilities = calibration.fit_with_kinetics(start_of(None), FitOptions(), SearchContext(None, Event()))
     assert tried == ['hybrid', 'mas'] and (found.config.simulated_kinetics, found.config.kinetics) == (taken, kinetics)
     odds = math.exp(evidences[1] - evidences[0])
     assert probabilities['mas'] == pytest.approx(odds / (1.0 + odds)) and sum(probabilities.values()) == pytest.approx(1.0)
-    one, none = calibration.fit_with_kinetics(None, Config(), FitOptions(kinetics='mas'), SearchContext(None, Event()))
+    one, none = calibration.fit_with_kinetics(start_of(None, ('mas',)), FitOptions(), SearchContext(None, Event()))
     assert one.config.simulated_kinetics == 'mas' and not none

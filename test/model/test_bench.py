@@ -8,7 +8,7 @@ import pytest
 
 from sma_sim import FitOptions, Input, Model, UserError, calibrate, diagnose, read_config, read_dataset, simulate
 from sma_sim.cli.main import main
-from sma_sim.evidence.estimation.starting_values import started_from_curves
+from sma_sim.evidence.estimation.prepared_fit import started_from_curves
 from sma_sim.evidence.estimation.transformation_temperatures import isobaric_tests
 from sma_sim.model.material import latent_heat
 
@@ -203,8 +203,8 @@ def test_a_fit_and_a_diagnosis_start_from_the_curves_without_being_told(monkeypa
     }
     asked = []
 
-    def caught(data, start, *rest):
-        asked.append(start.parameters)
+    def caught(start, *rest):
+        asked.append(start.config.parameters)
         raise UserError('far enough')
 
     monkeypatch.setattr('sma_sim.evidence.diagnosis.diagnose.search_effects', caught)

@@ -7,7 +7,8 @@ from simulated_data import config, dataset, scaled
 
 from sma_sim import Config, find_effects, read_config
 from sma_sim.evidence.diagnosis.diagnose import diagnose
-from sma_sim.evidence.estimation.calibrate import FitOptions, calibrate, kinetics_to_try
+from sma_sim.evidence.estimation.calibrate import FitOptions, calibrate
+from sma_sim.evidence.estimation.prepared_fit import kinetics_to_try
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 from sma_sim.model.errors import UserError

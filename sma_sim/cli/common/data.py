@@ -13,10 +13,10 @@ from sma_sim.cli.common.commands import add_kinetics, print_notes
 from sma_sim.cli.common.options import add_namespace_option
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.tables import check_writable
-from sma_sim.evidence.estimation.calibrate import on_leading_bench
 from sma_sim.evidence.estimation.executors import dask_executor, executor_or_threads
 from sma_sim.evidence.estimation.materials import MATERIALS
-from sma_sim.evidence.estimation.starting_values import started_from_curves
+from sma_sim.evidence.estimation.prepared_fit import on_leading_bench, started_from
+from sma_sim.evidence.estimation.starting_values import CurveFeatures, curve_features
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.given import effect_folders_of
@@ -143,10 +143,15 @@ def data_request(arguments: argparse.Namespace) -> DataRequest:
 
 def from_curves(fitted: Dataset, *configs: Config, is_fitted: bool = True) -> list[Config]:
     """The configurations with starts from the curves of the tests of a wire, whose features are printed."""
-    started = [started_from_curves(fitted, on_leading_bench(config, fitted), is_fitted) for config in configs]
-    if features := started[0][1]:
-        print(*features_as_text(features), '', sep='\n', flush=True)
-    return [config for config, _ in started]
+    curves = print_curves(fitted)
+    return [started_from(curves, on_leading_bench(config, fitted), is_fitted) for config in configs]
+
+
+def print_curves(dataset: Dataset) -> CurveFeatures:
+    """Print what the curves of the tests of a wire show, if there are any; returns it."""
+    if curves := curve_features(dataset):
+        print(*features_as_text(curves), '', sep='\n', flush=True)
+    return curves
 
 
 def noise_from(words: Sequence[str]) -> dict[str, float]:

@@ -16,13 +16,13 @@ from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.train_test_split import hold_out_last, pooled
 from sma_sim.evidence.diagnosis.conclusion import HeldOutVerdict, conclusion, verdicts_by_run
 from sma_sim.evidence.diagnosis.model_stage import ModelStage, StageData, StageKind
-from sma_sim.evidence.estimation.calibrate import Calibration, check, kinetics_to_try, on_leading_bench
+from sma_sim.evidence.estimation.calibrate import Calibration, check
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.held_out_prediction import RunFit, pooled_error
 from sma_sim.evidence.estimation.interruption import stoppable
-from sma_sim.evidence.estimation.nuisance_effects import starting_model
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, implausible_in
+from sma_sim.evidence.estimation.prepared_fit import PreparedFit, prepare
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
 from sma_sim.evidence.estimation.search_context import OnProgress, SearchContext
 from sma_sim.evidence.model_selection.criteria import CRITERIA
@@ -234,8 +234,7 @@ def diagnose(
     t_start, request = time.perf_counter(), request or DiagnosisRequest()
     check(dataset, config, request.options)
     training, held_out = hold_out_last(dataset, held_out)
-    given = on_leading_bench(config, training)
-    config = starting_model(training, given)
+    start = prepare(training, config, request.kinetics)
     words = progress_in_words('diagnosing', on_progress)
     with stoppable() as stop, executor_or_threads(executor) as pool, words as report:
         context = SearchContext(
@@ -245,55 +244,61 @@ def diagnose(
             request.folders,
             request.seed,
             variants=request.variants,
-            kinetics=kinetics_to_try(request.kinetics, config),
+            kinetics=start.kinetics,
             on_model=request.on_model,
         )
-        tried = config.variant(kinetics=context.kinetics[0])
+        tried = start.with_kinetics(start.kinetics[0]).config
         faults = faults_before_fits(pooled(training, held_out), tried, request.options, context)
-        training, held_out = without_faults(training, held_out, faults)
-        config = starting_model(training, given) if faults else config
-        found = search_effects(StageData(training, held_out, request.options), config, request, context, faults)
+        if faults:
+            training, held_out = without_faults(training, held_out, faults)
+            start = prepare(training, config, request.kinetics)
+        found = search_effects(start, held_out, request, context, faults)
         if training.floor and held_out is not None:
-            found = searched_together(found, (training, held_out), config, request, context, faults)
+            found = searched_together(found, start, held_out, request, context, faults)
         interrupted = stop.is_set()
     return replace(found, interrupted=interrupted, seconds=time.perf_counter() - t_start)
 
 
 def searched_together(
     found: Diagnosis,
-    data: tuple[Dataset, Dataset],
-    config: Config,
+    start: PreparedFit,
+    held_out: Dataset,
     request: DiagnosisRequest,
     context: SearchContext,
     faults: tuple[Fault, ...],
 ) -> Diagnosis:
     """With the diagnosis of all recordings where those fitted do not tell: one held out may be the only one that cools.
 
-    `data`: the fitted and the held-out recordings without `faults`. None where it is open what is wrong with them.
+    All recordings are without `faults`. The diagnosis is as it was where it is open what is wrong with them.
     """
     if found.verdict != 'unknown_effect' or is_uncertain(found.set_up) or context.stop.is_set():
         return found
     context.on_progress('the held-out runs are not explained: searching all runs together')
-    everything = StageData(pooled(*data), None, request.options)
-    joint = search_effects(everything, config, replace(request, equation=False), context, faults)
+    everything = start.on(pooled(start.dataset, held_out))
+    joint = search_effects(everything, None, replace(request, equation=False), context, faults)
     return found if context.stop.is_set() else replace(found, together=joint)
 
 
 def search_effects(
-    data: StageData, config: Config, request: DiagnosisRequest, context: SearchContext, faults: tuple[Fault, ...]
+    start: PreparedFit,
+    held_out: Dataset | None,
+    request: DiagnosisRequest,
+    context: SearchContext,
+    faults: tuple[Fault, ...],
 ) -> Diagnosis:
     """The whole search; its time, and whether it was interrupted, are still open.
 
     It does not begin where it is not certain what is wrong with the recordings.
     """
-    nominal = nominal_fits(data.training, config, request, context)
+    options, nominal = request.options, nominal_fits(start, request.options, context)
     best = min(nominal, key=lambda fit: fit.cost)
-    everything = pooled(data.training, data.held_out)
-    later = () if context.stop.is_set() else faults_after_fit(everything, best, request.options, context)
+    everything = pooled(start.dataset, held_out)
+    later = () if context.stop.is_set() else faults_after_fit(everything, best, options, context)
     if later:
-        training, held_out = without_faults(data.training, data.held_out, later)
-        data, faults = replace(data, training=training, held_out=held_out), (*faults, *later)
-        nominal = nominal_fits(data.training, config, request, context)
+        training, held_out = without_faults(start.dataset, held_out, later)
+        start, faults = start.on(training), (*faults, *later)
+        nominal = nominal_fits(start, options, context)
+    data = StageData(start.dataset, held_out, options)
     subsets, uncertain = [on_run_subset(fit) for fit in nominal], is_uncertain(faults)
     book = search(subsets, context, most=0, equations=False) if uncertain else search(subsets, context, request.equation)
     posterior = posterior_of(book)
@@ -310,7 +315,7 @@ def search_effects(
         path = [*path[: before + 1], with_all_runs(replace(posterior.best, fit=proposal.fit), nominal, 1.0, context)]
     kinds: list[StageKind] = ['added'] * len(path)
     kinds[0], kinds[-1] = 'nominal', 'nominal' if len(path) == 1 else 'formula' if proposal is not None else 'added'
-    end = conclusion(list(zip(kinds, path, strict=True)), posterior, data, request.options, context)
+    end = conclusion(list(zip(kinds, path, strict=True)), posterior, data, options, context)
     proposed = proposal if proposal is not None and end.stages[-1].kind == 'formula' else None
     similar = None
     if proposal is not None and not context.stop.is_set():

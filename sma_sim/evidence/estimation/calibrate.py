@@ -22,15 +22,21 @@ from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.recordings import same_options
 from sma_sim.evidence.estimation.executors import executor_or_threads, run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
-from sma_sim.evidence.estimation.free_parameters import FixedParameter, FreeParameter, choose_free
+from sma_sim.evidence.estimation.free_parameters import (
+    FixedParameter,
+    FreeParameter,
+    choose_free,
+    under_nuisance_priors,
+    with_nuisance_names,
+)
 from sma_sim.evidence.estimation.held_out_prediction import RunFit, mean_error, run_fits, with_starts
 from sma_sim.evidence.estimation.levenberg_marquardt import cost_at, minimize, start_point
 from sma_sim.evidence.estimation.limits import LimitReached, Range, limits_reached, within_limits
 from sma_sim.evidence.estimation.log_evidence import DECISIVE, kinetics_probabilities, log_evidences
 from sma_sim.evidence.estimation.materials import MATERIALS
-from sma_sim.evidence.estimation.nuisance_effects import starting_model, under_nuisance_priors, with_nuisance_names
 from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, implausible_parameters, reported_covariance
+from sma_sim.evidence.estimation.prepared_fit import PreparedFit, check_kinetics, prepare
 from sma_sim.evidence.estimation.problem import LinearizedRun, Problem
 from sma_sim.evidence.estimation.residuals import FitData, fit_data
 from sma_sim.evidence.estimation.run_estimates import ParameterByRun, ReducedRun, estimates_by_run, reduced_run
@@ -52,7 +58,7 @@ from sma_sim.evidence.estimation.uncertainty import (
     with_other_minima,
 )
 from sma_sim.model.archive import Saved
-from sma_sim.model.config import AUTO, MODELS, Config
+from sma_sim.model.config import AUTO, Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.expected import expect
 from sma_sim.model.nearest import suggestion
@@ -297,30 +303,27 @@ def calibrate(
     """
     options, t_start = options or FitOptions(), time.perf_counter()
     check(dataset, config, options)
-    config = on_leading_bench(config, dataset)
-    if options.names != ():  # else the model is to be compared as it is; what is named starts from what was given
-        config = starting_model(dataset, config, options.names is None)
+    start = prepare(dataset, config, options.kinetics, options.names)
     with executor_or_threads(executor) as pool, progress_line('fitting') as line:
         heard = progress or (lambda *step: line.show(iteration_words(*step)))
         context = SearchContext(pool, Event(), silent, (), options.seed, heard)
-        best, probabilities = fit_with_kinetics(dataset, config, options, context)
+        best, probabilities = fit_with_kinetics(start, options, context)
         found = final_calibration(dataset, best, options, context)
-    runs_as_asked = with_tolerance(found.config, config.parameters['solver.rtol'])
+    runs_as_asked = with_tolerance(found.config, start.config.parameters['solver.rtol'])
     return replace(found, config=runs_as_asked, kinetics=probabilities, seconds=time.perf_counter() - t_start)
 
 
 def fit_with_kinetics(
-    dataset: Dataset, config: Config, options: FitOptions, context: SearchContext
+    start: PreparedFit, options: FitOptions, context: SearchContext
 ) -> tuple[FitResult, Mapping[str, float]]:
     """A search with the kinetics to try; the more probable ones, and the probabilities where there are two.
 
     Where the data do not decide they stay open, so that a later fit may choose again, and hybrid as they are by default.
     """
-    tried, fits = kinetics_to_try(options.kinetics, config), list[FitResult]()
-    for model in tried:
+    fits = list[FitResult]()
+    for kinetics in start.kinetics:
         if not (fits and context.stop.is_set()):
-            known = config.variant(kinetics=model)
-            fits.append(multistart_search(dataset, known, options, context))
+            fits.append(multistart_search(start.with_kinetics(kinetics), options, context))
     if len(fits) == 1:
         return fits[0], {}
     evidences = log_evidences(fits, context.pool)
@@ -330,20 +333,6 @@ def fit_with_kinetics(
     problem = fits[0].problem
     undecided = replace(problem, config=problem.config.variant(kinetics=AUTO))
     return replace(fits[0], problem=undecided), probabilities
-
-
-def kinetics_to_try(asked: str | None, config: Config) -> tuple[str, ...]:
-    """What `asked` says, as in `FitOptions.kinetics`: both for ``'auto'``."""
-    model = config.kinetics if asked is None else asked
-    return MODELS if model == AUTO else (model,)
-
-
-def check_kinetics(asked: str | None) -> None:
-    """Raise UserError for kinetics that there are not."""
-    known = (*MODELS, AUTO)
-    if asked not in (None, *known):
-        hint = suggestion(asked, known)
-        raise UserError(f'kinetics = {asked!r}: expected one of {", ".join(known)}{hint}')
 
 
 def check(dataset: Dataset, config: Config, options: FitOptions) -> None:
@@ -359,14 +348,6 @@ def check(dataset: Dataset, config: Config, options: FitOptions) -> None:
                 f'{recording.name} is a recording of a {recording.system}, the configuration says system = '
                 f'{config.system}: change it, or leave the recording out'
             )
-
-
-def on_leading_bench(config: Config, dataset: Dataset) -> Config:
-    """The configuration on that bench of the recordings whose model says most: with a heat balance before one without."""
-    benches = dict.fromkeys(recording.system for recording in dataset.recordings)
-    if set(benches) == {config.structure.structure.name}:
-        return config
-    return config.on_bench(min(benches, key=lambda name: known_structures()[name].imposed_temperature >= 0))
 
 
 def problem_for(dataset: Dataset, config: Config, options: FitOptions, every: int, step_limited: bool = True) -> Problem:
@@ -403,17 +384,13 @@ def full_problem(dataset: Dataset, fit: FitResult, options: FitOptions) -> Probl
 
 
 def multistart_search(
-    dataset: Dataset,
-    config: Config,
-    options: FitOptions,
-    context: SearchContext,
-    criteria: StopCriteria = FROM_PRIORS,
+    start: PreparedFit, options: FitOptions, context: SearchContext, criteria: StopCriteria = FROM_PRIORS
 ) -> FitResult:
     """The best of several starts on thinned samples, all but the first damped less; of many runs on a subset at first."""
-    longest = max(len(recording.time) for recording in dataset.recordings)
-    thinned = problem_for(dataset, config, options, max(1, longest // SEARCH_SAMPLES))
+    config, longest = start.config, max(len(recording.time) for recording in start.dataset.recordings)
+    thinned = problem_for(start.dataset, config, options, max(1, longest // SEARCH_SAMPLES))
     subset = run_subset(thinned)
-    points = starting_points(subset, shown_by_curves(dataset, config), options.starts, options.seed, context.pool)
+    points = starting_points(subset, shown_by_curves(start.curves, config), options.starts, options.seed, context.pool)
     weak = replace(criteria, damping=WEAKLY_DAMPED.damping)
     jobs = [
         partial(

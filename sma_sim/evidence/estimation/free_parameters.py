@@ -6,7 +6,7 @@ import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from sma_sim.evidence.data.recording import is_resistance
+from sma_sim.evidence.data.recording import Dataset, is_resistance
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.nearest import suggestion
@@ -238,3 +238,32 @@ def remaining(names: Sequence[str], fixed: Sequence[FixedParameter]) -> list[str
     """The names that are not fixed."""
     fixed_names = {parameter.name for parameter in fixed}
     return [name for name in names if name not in fixed_names]
+
+
+def with_nuisance_names(free: tuple[str, ...] | None, dataset: Dataset, config: Config) -> tuple[str, ...] | None:
+    """The parameters to fit, with those of the bench that the model has; None, all, and (), a model as it is, stay."""
+    active = [one.found.effect.name for one in config.effects]
+    declared = (f'effects.{name}.{parameter}' for name in active for parameter in dataset.nuisances.get(name, ()))
+    return (*free, *declared) if free else free
+
+
+def under_nuisance_priors(free: Sequence[FreeParameter], dataset: Dataset) -> tuple[FreeParameter, ...]:
+    """Free parameters, those of the bench's effects under the priors of its map; what that leaves out is not fitted."""
+    kept = []
+    for parameter in free:
+        group, _, name = parameter.name.removeprefix('effects.').rpartition('.')
+        stds = dataset.nuisances.get(group) if parameter.name.startswith('effects.') else None
+        if stds is None:
+            kept.append(parameter)
+        elif name in stds:
+            kept.append(with_prior_std(parameter, stds[name]))
+    return tuple(kept)
+
+
+def with_prior_std(parameter: FreeParameter, std: float) -> FreeParameter:
+    """A parameter under a normal prior of this standard deviation (SI) about its value, within its bounds."""
+    low, high = parameter.value(parameter.low), parameter.value(parameter.high)
+    scale = std / parameter.center if parameter.log else std
+    plain = replace(parameter, scale=scale)
+    ends = (plain.coordinate(low) if low > 0.0 or not parameter.log else -BOUND_STDS, plain.coordinate(high))
+    return replace(plain, low=max(-BOUND_STDS, ends[0]), high=min(BOUND_STDS, ends[1]))

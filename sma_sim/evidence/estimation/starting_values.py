@@ -7,7 +7,7 @@ either way. These points of the phase diagram lie near two lines, sigma_A(T) and
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -114,27 +114,9 @@ def transformation_strain(features: CurveFeatures, E_A: float, E_M: float) -> fl
     return float(np.clip(max([*strains, *(test.recovered for test in features.isobaric)]), *STRAINS))
 
 
-def started_from_curves(dataset: Dataset, config: Config, is_fitted: bool = True) -> tuple[Config, CurveFeatures]:
-    """A configuration with the starting values of its tests in place of those that have their defaults, and no prior.
-
-    Returns the features too; without such tests the configuration is as it was. One that is not `is_fitted` as a
-    whole, but compared or fitted in named parameters, starts from isobaric tests alone, of which no default knows anything.
-    """
-    features = curve_features(dataset)
-    if not (features if is_fitted else features.isobaric):
-        return config, features
-    defaults: Mapping[str, float] = config.structure.structure.default_values
-    own = {
-        name: value
-        for name, value in starting_values(features).items()
-        if config.parameters[name] == defaults[name] and name not in config.priors
-    }
-    return config.variant(own), features
-
-
-def shown_by_curves(dataset: Dataset, config: Config) -> dict[str, float]:
+def shown_by_curves(features: CurveFeatures, config: Config) -> dict[str, float]:
     """What the tests of a wire show of all parameters, about the T0 of a configuration; {} without tests."""
-    features, T0 = curve_features(dataset), config.parameters['wire.T0']
+    T0 = config.parameters['wire.T0']
     if not features:
         return {}
     found = starting_values(features)

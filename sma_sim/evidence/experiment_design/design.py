@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Dataset
-from sma_sim.evidence.estimation.calibrate import kinetics_to_try
 from sma_sim.evidence.estimation.executors import PickledConfig, executor_or_threads
 from sma_sim.evidence.estimation.free_parameters import declared_parameters
+from sma_sim.evidence.estimation.prepared_fit import kinetics_to_try
 from sma_sim.evidence.estimation.residuals import command_column
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.experiment_design.criteria import DESIGN_CRITERIA

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.estimation.calibrate import check_kinetics
+from sma_sim.evidence.estimation.prepared_fit import check_kinetics
 from sma_sim.evidence.estimation.residuals import FitData
 from sma_sim.evidence.experiment_design.forecast import OperatingLimits, RunPrediction
 from sma_sim.evidence.experiment_design.further_channels import FurtherChannel

@@ -27,8 +27,8 @@ from sma_sim.evidence.estimation.levenberg_marquardt import (
     normal_parts,
 )
 from sma_sim.evidence.estimation.log_evidence import more_probable
-from sma_sim.evidence.estimation.nuisance_effects import with_nuisance_effects
 from sma_sim.evidence.estimation.overdispersion import overdispersion
+from sma_sim.evidence.estimation.prepared_fit import prepare
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS, StopCriteria
 from sma_sim.evidence.model_selection.candidates import Candidate, candidates_for
@@ -103,11 +103,10 @@ def fit_base_model(training: Dataset, config: Config, models: Sequence[str], con
     """The configuration as it is, with the more probable of the kinetics."""
     options = FitOptions(starts=BASE_FIT_STARTS)
     check(training, config, options)
-    fits, config = list[FitResult](), with_nuisance_effects(config, training)
+    fits, start = list[FitResult](), prepare(training, config)
     for model in models:
         context.on_progress(f'fitting the {model} model')
-        known = config.variant(kinetics=model)
-        fits.append(multistart_search(training, known, options, context))
+        fits.append(multistart_search(start.with_kinetics(model), options, context))
         raise_if_stopped(context)
     return more_probable(fits, context.pool)
 

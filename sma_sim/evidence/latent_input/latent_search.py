@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.train_test_split import hold_out_last
-from sma_sim.evidence.estimation.calibrate import FitOptions, check, check_kinetics, problem_for
+from sma_sim.evidence.estimation.calibrate import FitOptions, check, problem_for
 from sma_sim.evidence.estimation.executors import executor_or_threads, run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.injection_points import Port, ports_of
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize, start_point
+from sma_sim.evidence.estimation.prepared_fit import check_kinetics, prepare
 from sma_sim.evidence.estimation.problem import Problem, residuals_at
 from sma_sim.evidence.estimation.search_context import OnProgress, SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS
@@ -47,7 +48,7 @@ from sma_sim.evidence.latent_input.ranking import (
 from sma_sim.evidence.latent_input.refinement import RefinedHypothesis, refine_hypotheses
 from sma_sim.evidence.latent_input.results import InputEstimate, InputFinding, LatentInputs
 from sma_sim.evidence.model_selection.kinetics_choice import with_other_kinetics
-from sma_sim.evidence.model_selection.nominal_fit import NOMINAL_STARTS, DiagnosisRequest, nominal_fit
+from sma_sim.evidence.model_selection.nominal_fit import NOMINAL_STARTS, nominal_fit
 from sma_sim.evidence.model_selection.refit import refit
 from sma_sim.evidence.model_selection.tempered_likelihood import tempered_fit
 from sma_sim.evidence.search.posterior import EVEN, TIE
@@ -162,7 +163,7 @@ def estimate_latent_inputs(
 def fitted_model(training: Dataset, config: Config, request: LatentRequest, context: SearchContext) -> FitResult:
     """The model fitted as a diagnosis does; where that is not asked for, its starts and delay only."""
     if request.fit:
-        return nominal_fit(training, config, DiagnosisRequest(request.kinetics, (), request.seed, request.options), context)
+        return nominal_fit(prepare(training, config, request.kinetics), request.options, context)
     model = request.kinetics if request.kinetics in MODELS else config.simulated_kinetics
     return fit_starts_and_delay(training, config.variant(kinetics=model), request, context)
 

@@ -6,14 +6,16 @@ from dataclasses import dataclass, field, replace
 from math import isnan
 from pathlib import Path
 
-from sma_sim.evidence.data.recording import Dataset
-from sma_sim.evidence.estimation.calibrate import FitOptions, check_kinetics, kinetics_to_try, multistart_search
+from sma_sim.evidence.estimation.calibrate import FitOptions, multistart_search
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.log_evidence import more_probable
-from sma_sim.evidence.estimation.nuisance_effects import with_nuisance_effects, with_temperature_gradient
+from sma_sim.evidence.estimation.prepared_fit import (
+    PreparedFit,
+    check_kinetics,
+    with_temperature_gradient,
+)
 from sma_sim.evidence.estimation.search_context import OnModel, SearchContext, silent_model
 from sma_sim.evidence.estimation.stop_criteria import NOMINAL_MODEL
-from sma_sim.model.config import Config
 from sma_sim.model.expected import as_folders
 from sma_sim.model.renamed import renamed
 
@@ -56,21 +58,21 @@ class DiagnosisRequest:
         object.__setattr__(self, 'folders', tuple(as_folders('folders', self.folders)))
 
 
-def nominal_fits(training: Dataset, config: Config, request: DiagnosisRequest, context: SearchContext) -> list[FitResult]:
+def nominal_fits(start: PreparedFit, options: FitOptions, context: SearchContext) -> list[FitResult]:
     """The fits without further effects, with each of the kinetics to try; those that were complete before a stop.
 
     Isobaric tests are fitted with a difference of temperature along the specimen: without one the model transforms from one
     sample to the next, where a fit sees no way, and gradual transformation would be found in every specimen.
     """
-    fits, config = list[FitResult](), with_nuisance_effects(config, training)
-    tried = kinetics_to_try(request.kinetics, config)
+    fits, tried = list[FitResult](), start.kinetics
     context.on_progress(f'kinetics: {tried[0]}, as given' if len(tried) == 1 else 'kinetics: not given, both are fitted')
     for kinetics in tried:
         context.on_progress(f'fitting the {kinetics} model')
-        best = nominal_fit_of(training, config.variant(kinetics=kinetics), request, context)
+        model = start.with_kinetics(kinetics)
+        best = nominal_fit_of(model, options, context)
         if not isnan(best.problem.span) and not context.stop.is_set():
             context.on_progress('with a difference of temperature along the specimen')
-            best = nominal_fit_of(training, with_temperature_gradient(config.variant(kinetics=kinetics)), request, context)
+            best = nominal_fit_of(replace(model, config=with_temperature_gradient(model.config)), options, context)
         if not (fits and context.stop.is_set()):
             fits.append(best)
         if context.stop.is_set():
@@ -80,16 +82,16 @@ def nominal_fits(training: Dataset, config: Config, request: DiagnosisRequest, c
     return fits
 
 
-def nominal_fit_of(training: Dataset, config: Config, request: DiagnosisRequest, context: SearchContext) -> FitResult:
+def nominal_fit_of(start: PreparedFit, options: FitOptions, context: SearchContext) -> FitResult:
     """One of them; what is active from the start is no finding."""
-    best = multistart_search(training, config, request.options, context, NOMINAL_MODEL)
-    given = tuple(active.found.effect.name for active in config.effects)
+    best = multistart_search(start, options, context, NOMINAL_MODEL)
+    given = tuple(active.found.effect.name for active in start.config.effects)
     return replace(best, problem=replace(best.problem, nominal_effects=given))
 
 
-def nominal_fit(training: Dataset, config: Config, request: DiagnosisRequest, context: SearchContext) -> FitResult:
+def nominal_fit(start: PreparedFit, options: FitOptions, context: SearchContext) -> FitResult:
     """The fit without further effects, with the more probable of the kinetics."""
-    return more_probable(nominal_fits(training, config, request, context), context.pool)
+    return more_probable(nominal_fits(start, options, context), context.pool)
 
 
 def report_model(kind: str, fit: FitResult, context: SearchContext) -> None:

@@ -17,8 +17,10 @@ from sma_sim.evidence.estimation.calibrate import FitOptions, multistart_search,
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.held_out_prediction import RunFit, own_unknowns, pooled_error, run_fits
 from sma_sim.evidence.estimation.levenberg_marquardt import start_point
+from sma_sim.evidence.estimation.prepared_fit import PreparedFit
 from sma_sim.evidence.estimation.problem import linearize
 from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.estimation.starting_values import curve_features
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS
 from sma_sim.evidence.estimation.uncertainty import AmbientDifference, information_of, uncertainty
 from sma_sim.evidence.model_selection.criteria import CRITERIA, fits_all
@@ -88,7 +90,8 @@ def refits(
     context.on_progress('fitting all runs from the start')
     names = tuple(parameter.name for parameter in last.problem.free)
     try:
-        yield multistart_search(both, last.problem.config, replace(options, free=names), context, FROM_PRIORS)
+        start = PreparedFit(both, last.problem.config, curve_features(both), context.kinetics)
+        yield multistart_search(start, replace(options, free=names), context, FROM_PRIORS)
     except SimulationError:
         yield None
     if found is not None and all(run.ambient_std == 0.0 and problem.wires(run) for run in problem.runs):

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording, in_order
-from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, calibrate, check, on_leading_bench
+from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, calibrate, check
 from sma_sim.evidence.estimation.held_out_prediction import RunFit, evaluate_held_out, nuisances_of
+from sma_sim.evidence.estimation.prepared_fit import on_leading_bench
 from sma_sim.evidence.estimation.residuals import FitData, Nuisance, fit_data, model_columns
 from sma_sim.evidence.estimation.search_context import silent_iteration
 from sma_sim.evidence.residual_analysis.wire_states import with_derived_states

@@ -1,0 +1,141 @@
+"""What a fit begins with: the model on the bench of the recordings, with its effects and what curves of tests show."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+
+from sma_sim.evidence.data.recording import Dataset
+from sma_sim.evidence.estimation.starting_values import CurveFeatures, curve_features, starting_values
+from sma_sim.model.config import AUTO, MODELS, Config
+from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, effects_on, find_effects
+from sma_sim.model.effects.meaning import acts_on
+from sma_sim.model.errors import UserError
+from sma_sim.model.nearest import suggestion
+from sma_sim.model.structures.discovery import known_structures
+
+GRADIENT = 'temperature_gradient'  # the effect of a specimen that is not equally warm
+
+
+@dataclass(frozen=True)
+class PreparedFit:
+    """Recordings, and the model that fits to them begin with.
+
+    `config`: on their leading bench, with the effects that their map declares (parts of every fit under their priors, and
+    findings of none) and with what `curves` show in place of defaults. `kinetics`: those to try.
+    """
+
+    dataset: Dataset
+    config: Config
+    curves: CurveFeatures
+    kinetics: tuple[str, ...]
+
+    def with_kinetics(self, kinetics: str) -> PreparedFit:
+        """The same with one of the kinetics."""
+        return replace(self, config=self.config.variant(kinetics=kinetics))
+
+    def on(self, dataset: Dataset) -> PreparedFit:
+        """The same model for other recordings of the bench."""
+        return replace(self, dataset=dataset, curves=curve_features(dataset))
+
+
+def prepare(dataset: Dataset, config: Config, kinetics: str | None = None, free: Sequence[str] | None = None) -> PreparedFit:
+    """What a fit of the parameters `free` (None: those that such data determine) begins with.
+
+    Where there are none the model is compared as it is; where they are named it starts from isobaric tests alone, of which
+    no default knows anything. Raises UserError for effects that the map declares and that there are not.
+    """
+    config, curves = on_leading_bench(config, dataset), curve_features(dataset)
+    if free != ():
+        config = started_from(curves, with_nuisance_effects(config, dataset), free is None)
+    return PreparedFit(dataset, config, curves, kinetics_to_try(kinetics, config))
+
+
+def with_nuisance_effects(config: Config, dataset: Dataset) -> Config:
+    """The configuration with the effects that the dataset's map declares, at their neutral values; active ones stay.
+
+    Raises UserError for an effect, a scope or a parameter that there is not.
+    """
+    if not dataset.nuisances:
+        return config
+    active = {given.found.effect.name: given.found for given in config.effects}
+    structure, more = config.structure.structure, list[ActiveEffect]()
+    known = effects_on(find_effects(), dataset.nuisances.keys() - active, structure, config.parameters) | active
+    for name, stds in dataset.nuisances.items():
+        found = known.get(name)
+        if found is None:
+            expected = sorted(name for name, effect in known.items() if acts_on(effect.effect, structure))
+            raise UserError(f'nuisances of the map: {name} is no effect on a {structure.title}{hint(name, expected)}')
+        check_parameters(name, found, stds)
+        if name not in active and acts_on(found.effect, structure):  # a map may serve a part of its campaign
+            values = (p.default if p.neutral is None else p.neutral for p in found.effect.parameters)
+            more.append(ActiveEffect(found, tuple(values)))
+    return replace(config, effects=(*config.effects, *more))
+
+
+def with_temperature_gradient(config: Config) -> Config:
+    """The configuration of a specimen whose temperature may differ from end to end; itself where one is active already."""
+    if any(given.found.effect.name == GRADIENT for given in config.effects):
+        return config
+    found = effects_on(find_effects(), [GRADIENT], config.structure.structure, config.parameters)[GRADIENT]
+    values = tuple(p.default for p in found.effect.parameters)
+    return replace(config, effects=(*config.effects, ActiveEffect(found, values)))
+
+
+def check_parameters(name: str, found: FoundEffect, given: Iterable[str]) -> None:
+    """Raise UserError for parameters that the effect has not."""
+    names = [p.name for p in found.effect.parameters]
+    for wrong in (parameter for parameter in given if parameter not in names):
+        raise UserError(f'nuisances of the map, {name}: no parameter {wrong}; expected some of {", ".join(names)}')
+
+
+def hint(name: str, known: Sequence[str]) -> str:
+    """What may have been meant."""
+    close = get_close_matches(name, known, n=1, cutoff=0.4)
+    return f'; did you mean {close[0]}?' if close else f'; expected some of {", ".join(known)}'
+
+
+def kinetics_to_try(asked: str | None, config: Config) -> tuple[str, ...]:
+    """What `asked` says, as in `FitOptions.kinetics`: both for ``'auto'``."""
+    model = config.kinetics if asked is None else asked
+    return MODELS if model == AUTO else (model,)
+
+
+def check_kinetics(asked: str | None) -> None:
+    """Raise UserError for kinetics that there are not."""
+    known = (*MODELS, AUTO)
+    if asked not in (None, *known):
+        hint = suggestion(asked, known)
+        raise UserError(f'kinetics = {asked!r}: expected one of {", ".join(known)}{hint}')
+
+
+def on_leading_bench(config: Config, dataset: Dataset) -> Config:
+    """The configuration on that bench of the recordings whose model says most: with a heat balance before one without."""
+    benches = dict.fromkeys(recording.system for recording in dataset.recordings)
+    if set(benches) == {config.structure.structure.name}:
+        return config
+    return config.on_bench(min(benches, key=lambda name: known_structures()[name].imposed_temperature >= 0))
+
+
+def started_from_curves(dataset: Dataset, config: Config, is_fitted: bool = True) -> tuple[Config, CurveFeatures]:
+    """A configuration started from the curves of a dataset, as `started_from` does, and their features."""
+    curves = curve_features(dataset)
+    return started_from(curves, config, is_fitted), curves
+
+
+def started_from(curves: CurveFeatures, config: Config, is_fitted: bool = True) -> Config:
+    """A configuration with the starting values of tests in place of those that have their defaults, and no prior.
+
+    Without such tests it is as it was. One that is not `is_fitted` as a whole, but compared or fitted in named parameters,
+    starts from isobaric tests alone.
+    """
+    if not (curves if is_fitted else curves.isobaric):
+        return config
+    defaults: Mapping[str, float] = config.structure.structure.default_values
+    own = {
+        name: value
+        for name, value in starting_values(curves).items()
+        if config.parameters[name] == defaults[name] and name not in config.priors
+    }
+    return config.variant(own)
