@@ -50,7 +50,7 @@ TESTS = {
         closed_forms effect_equations material paper_equations effects conservation energy order solver messages
         init optional_packages fields_read structures own_structures effects_on_structures scopes stack
         robot_description drawing step_equations docs stalls tangents series sampled_channels beyond_the_module
-        step_control structure_parts jumps_and_starts runs_in_pieces untrusted_data flow_parts short_tangents
+        step_control structure_parts events runs_in_pieces untrusted_data flow_parts short_tangents
         solver_parts compile paper_parts single_steps ends_and_starts
     ''',
     NATIVE: '''
@@ -59,7 +59,7 @@ TESTS = {
         paper_equations structures own_structures effects_on_structures stack messages init plot packaging paper
         untrusted_data optional_packages robot_description recordings scopes runs_in_pieces step_equations docs
         tangents series beyond_the_module structure_runs drawing trajectory step_control structure_parts
-        jumps_and_starts bench flow_parts short_tangents solver_parts paper_parts single_steps ends_and_starts
+        events bench flow_parts short_tangents solver_parts paper_parts single_steps ends_and_starts
     ''',
     FITS: '''
         fit_parts jitter noise uncertainty calibrate many_runs fit_command paper_calibration compare run_estimates

@@ -1,4 +1,4 @@
-"""Jumps and starts, in plain Python: which guard is crossed first, when a wire waits, which modes admit a start."""
+"""Events, in plain Python: which guard is crossed first, when a wire waits, which modes admit a start."""
 
 from types import SimpleNamespace
 
