@@ -46,8 +46,10 @@ def changes_in(columns, name='J_eq_W'):
 
 COMMANDS = st.lists(
     st.tuples(st.integers(1, 400), st.sampled_from([0.0, 5.0, -9.0, 12.5, -40.0, math.nan, math.inf])),
-    min_size=1, max_size=12, unique_by=lambda command: command[0],
-)  # fmt: skip
+    min_size=1,
+    max_size=12,
+    unique_by=lambda command: command[0],
+)
 
 
 @settings(max_examples=200, deadline=None)

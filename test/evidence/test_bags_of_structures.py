@@ -19,10 +19,9 @@ from sma_sim.solver.inputs import inputs_at
 
 EXAMPLE = Path(__file__).resolve().parents[2] / 'examples' / 'own_structure'
 ROCKER = find_structures([EXAMPLE])['rocker']
-STRUCTURES = {
-    name: found for name, found in package_structures().items()
-    if not found.structure.variant_of
-} | {'rocker': ROCKER}  # fmt: skip
+STRUCTURES = {name: found for name, found in package_structures().items() if not found.structure.variant_of} | {
+    'rocker': ROCKER
+}
 
 
 @pytest.fixture(scope='module', params=STRUCTURES)

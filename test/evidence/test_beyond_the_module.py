@@ -74,9 +74,10 @@ def test_ports_and_terms_of_every_structure(name):
     ports = ports_of(config, structure.channels)
     count = {hook: sum(port.hook == hook for port in ports) for hook in ('structure_force', 'wire_heat', 'sensing')}
     assert count == {
-        'structure_force': len(structure.coordinates), 'wire_heat': structure.wires,
+        'structure_force': len(structure.coordinates),
+        'wire_heat': structure.wires,
         'sensing': len(structure.channels) - structure.wires,  # all but the resistances
-    }  # fmt: skip
+    }
     assert len({port.name for port in ports}) == len(ports) and all(port.probe > 0.0 for port in ports)
     for location in locations_for(config, structure.channels):
         for term in location.terms[:: 1 if len(ports) < 16 else 9]:
@@ -163,8 +164,10 @@ def test_states_that_terms_read():
 
 
 def test_what_is_not_asked_of_a_structure_is_refused(tmp_path, capsys):
-    (tmp_path / 'iso.csv').write_text('time_s,stress_Pa,T_K,strain\n' + ''.join(
-        f'{t},1e8,{300 + t % 200},{0.01 + 1e-5 * (t % 7)}\n' for t in range(0, 400, 4)))  # fmt: skip
+    (tmp_path / 'iso.csv').write_text(
+        'time_s,stress_Pa,T_K,strain\n'
+        + ''.join(f'{t},1e8,{300 + t % 200},{0.01 + 1e-5 * (t % 7)}\n' for t in range(0, 400, 4))
+    )
     words = ['--config', str(Path(__file__).parents[2] / 'examples/real/isobaric/config.yaml'), '--noise', 'strain=1e-5']
     for verb, message in (('latent', 'which says nothing in a test'), ('next', 'is moved by stress, T, J')):
         assert main([verb, str(tmp_path / 'iso.csv'), *words]) == 2
@@ -250,9 +253,14 @@ def test_an_equation_for_a_slider_is_found(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     ('name', 'some'),
-    [('slider', ()), ('lever', ('natural_convection@wire_1', 'thermometer_lag@T_2')), ('spatial', ('radiation@wire_3',)),
-     ('stack', ('driver_lag@wire_6',)), ('module', ('beam_creep@rotation', 'ambient_heating@shared'))],
-)  # fmt: skip
+    [
+        ('slider', ()),
+        ('lever', ('natural_convection@wire_1', 'thermometer_lag@T_2')),
+        ('spatial', ('radiation@wire_3',)),
+        ('stack', ('driver_lag@wire_6',)),
+        ('module', ('beam_creep@rotation', 'ambient_heating@shared')),
+    ],
+)
 def test_variants_of_effects_on_every_structure(name, some):
     """Effects in one wire, coordinate or channel of several; a slider with one wire has none of which there are several."""
     structure = MOVING[name].structure

@@ -23,16 +23,21 @@ from sma_sim import (
     read_config,
     simulate,
     wire_input,
-)  # fmt: skip
+)
 from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.evidence.estimation.executors import PickledConfig, dask_executor, workers_of
 from sma_sim.evidence.estimation.free_parameters import choose_free
 from sma_sim.evidence.model_selection.candidates import with_effect
 
 OFF = {
-    'wire__sigma_T': 1.08, 'wire__c_V': 0.9, 'wire__lambda': 1.12, 'wire__sigma_MW0': 0.95, 'wire__dsigma': 1.07,
-    'beam__E': 0.93, 'beam__b_alpha': 1.1,
-}  # fmt: skip
+    'wire__sigma_T': 1.08,
+    'wire__c_V': 0.9,
+    'wire__lambda': 1.12,
+    'wire__sigma_MW0': 0.95,
+    'wire__dsigma': 1.07,
+    'beam__E': 0.93,
+    'beam__b_alpha': 1.1,
+}
 NAMES = tuple(name.replace('__', '.') for name in OFF)
 QUICK = FitOptions(free=NAMES, kinetics='hybrid', starts=1, intervals=False)
 FEW = FitOptions(free=('wire.lambda', 'beam.E'), kinetics='hybrid', starts=1, intervals=False)
@@ -98,8 +103,10 @@ def test_sampled_commands_find_their_instants():
 def test_robust_loss_bears_outliers():
     runs = dataset(config(), [5], noise=1.0)
     random = np.random.default_rng(0)
-    wild = {name: np.where(random.random(len(v)) < 0.03, v + 300.0 * NOISE[name], v)
-            for name, v in runs.recordings[0].channels.items()}  # fmt: skip
+    wild = {
+        name: np.where(random.random(len(v)) < 0.03, v + 300.0 * NOISE[name], v)
+        for name, v in runs.recordings[0].channels.items()
+    }
     spoilt = Dataset((replace(runs.recordings[0], channels=wild),), NOISE)
     plain, robust = (calibrate(spoilt, config(), replace(FEW, robust=each)) for each in (False, True))
     error = {name: abs(robust.values[name] / config().parameters[name] - 1.0) for name in FEW.free}
@@ -117,8 +124,11 @@ def test_wire_from_its_test_bench():
         seen = simulate(Model(scaled(truth, solver__rtol=1e-2)), source, times)
         runs.append(Recording(f'{T_E} K', 'wire', times, {'stress': seen['stress_Pa'], 'T': seen['T_K']}, source))
         assert seen.completed
-    found = calibrate(Dataset(tuple(runs), {'stress': 1e5, 'T': 0.1}), config(system='wire'),
-                      FitOptions(kinetics='hybrid', starts=1, intervals=False))  # fmt: skip
+    found = calibrate(
+        Dataset(tuple(runs), {'stress': 1e5, 'T': 0.1}),
+        config(system='wire'),
+        FitOptions(kinetics='hybrid', starts=1, intervals=False),
+    )
     for name in ('wire.E_A', 'wire.E_M', 'wire.eps_T', 'wire.sigma_T', 'wire.dsigma', 'wire.sigma_MW0', 'wire.c_V'):
         assert found.values[name] == pytest.approx(truth.parameters[name], rel=1e-3), name
 

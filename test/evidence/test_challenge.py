@@ -29,14 +29,42 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'benchmarks'))
 from other_form_truths import FORMS  # noqa: E402
 
 LIBRARY = (
-    'gravity', 'beam_creep', 'beam_nonlinearity', 'joint_friction', 'natural_convection', 'radiation',
-    'ambient_heating', 'thermal_crosstalk', 'thermal_expansion', 'pretension_mismatch',
-    'attachment_compliance', 'slack', 'guide_friction', 'clausius_clapeyron_mismatch', 'polycrystal',
-    'r_phase', 'functional_fatigue', 'latent_heat_scale', 'resistance_feedback', 'driver_lag',
-    'driver_deadband', 'power_gain_mismatch', 'sensor_bias', 'sensor_gain', 'sensor_lag',
-    'sensor_misalignment', 'smooth_transformation', 'ambient_drift', 'clamp_slip', 'clock_skew',
-    'driver_saturation', 'heat_capacity_difference', 'sensor_crosstalk', 'sensor_drift', 'sensor_jump',
-)  # fmt: skip
+    'gravity',
+    'beam_creep',
+    'beam_nonlinearity',
+    'joint_friction',
+    'natural_convection',
+    'radiation',
+    'ambient_heating',
+    'thermal_crosstalk',
+    'thermal_expansion',
+    'pretension_mismatch',
+    'attachment_compliance',
+    'slack',
+    'guide_friction',
+    'clausius_clapeyron_mismatch',
+    'polycrystal',
+    'r_phase',
+    'functional_fatigue',
+    'latent_heat_scale',
+    'resistance_feedback',
+    'driver_lag',
+    'driver_deadband',
+    'power_gain_mismatch',
+    'sensor_bias',
+    'sensor_gain',
+    'sensor_lag',
+    'sensor_misalignment',
+    'smooth_transformation',
+    'ambient_drift',
+    'clamp_slip',
+    'clock_skew',
+    'driver_saturation',
+    'heat_capacity_difference',
+    'sensor_crosstalk',
+    'sensor_drift',
+    'sensor_jump',
+)
 SHORT = RecordingPlan(duration=20.0, rate=10.0)
 COMMAND = module_input([0.0, 4.0, 9.0], [12.0, -11.0, -11.0])
 RATE = 50.0
@@ -206,8 +234,11 @@ def test_effects_of_truths_are_those_of_an_independent_integration():
 
 
 SAME = [  # a truth and its values; the library's effect and the values that mean the same
-    ('truth_gravity', {'share': 0.8, 'lean': 0.9}, {
-        'g_x': -0.8 * 9.80665 * np.cos(0.9), 'g_y': 0.8 * 9.80665 * np.sin(0.9)}),
+    (
+        'truth_gravity',
+        {'share': 0.8, 'lean': 0.9},
+        {'g_x': -0.8 * 9.80665 * np.cos(0.9), 'g_y': 0.8 * 9.80665 * np.sin(0.9)},
+    ),
     ('truth_beam_creep', {'c': 0.25, 'tau_c': 10.0}, {'phi': 0.25 / 1.25, 'tau': 10.0 / 1.25}),
     ('truth_ambient_heating', {'G': 2.0, 'C': 20.0}, {'R': 0.5, 'tau': 10.0}),
     ('truth_driver_lag', {'t_r': 0.5}, {'tau': 0.5 / np.log(9.0)}),
@@ -216,17 +247,23 @@ SAME = [  # a truth and its values; the library's effect and the values that mea
     ('truth_driver_deadband', {'P_q': 0.8}, {'J_d': 0.08}),
     ('truth_radiation', {'reflectivity': 0.3}, {'emissivity': 0.7}),
     ('truth_functional_fatigue', {'e_inf': 4e-3, 's_inf': 5e6, 'N': 2.0}, {'eps_r': 4e-3, 'sigma_r': 5e6, 'z_r': 2.0}),
-    ('truth_sensor_bias', {'zero_U_x': 2e-5, 'zero_U_y': 1e-4, 'zero_alpha': 2e-3}, {
-        'U_x': 2e-5, 'U_y': 1e-4, 'alpha': 2e-3}),
+    (
+        'truth_sensor_bias',
+        {'zero_U_x': 2e-5, 'zero_U_y': 1e-4, 'zero_alpha': 2e-3},
+        {'U_x': 2e-5, 'U_y': 1e-4, 'alpha': 2e-3},
+    ),
     ('truth_sensor_gain', {'pixel': 0.05, 'radius': -0.04}, {'U_x': 1 / 1.05, 'U_y': 1 / 1.05, 'alpha': 1 / 0.96}),
     ('truth_sensor_misalignment', {'turn': 0.03}, {'theta': 0.03}),
     ('truth_supply_limit', {'P_max': 12.0}, {'r': 10.0 / 12.0, 'p': 2.0}),
     ('truth_ambient_drift', {'rise': 40.0}, {'c': 0.4}),
     ('truth_heat_capacity_difference', {'f': 0.4}, {'r': 0.4, 'T_ref': 298.0}),
     ('truth_sensor_drift', {'warm': 0.01, 'tau': 10.0}, {'U_x': 0.0, 'U_y': 0.0, 'alpha': 1e-3, 'k': 0.1}),
-    ('truth_sensor_jump', {'off_U_x': 2e-5, 'off_U_y': 1e-4, 'off_alpha': 2e-3, 't_bump': 5.01}, {
-        'U_x': 2e-5, 'U_y': 1e-4, 'alpha': 2e-3, 't_slip': 5.01, 'w': 2e-3}),
-]  # fmt: skip
+    (
+        'truth_sensor_jump',
+        {'off_U_x': 2e-5, 'off_U_y': 1e-4, 'off_alpha': 2e-3, 't_bump': 5.01},
+        {'U_x': 2e-5, 'U_y': 1e-4, 'alpha': 2e-3, 't_slip': 5.01, 'w': 2e-3},
+    ),
+]
 PRESENT = [case for case in SAME if truths()[case[0]].library in find_effects()]
 
 

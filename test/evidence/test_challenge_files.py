@@ -32,8 +32,11 @@ def test_files_hold_what_was_made(tmp_path, format):
     challenge = make_challenge(3, kinds=['gravity', 'fan'], forces=True, plan=SHORT)
     write_challenge(challenge, tmp_path / 'case', format)
     assert sorted(file.name for file in (tmp_path / 'case').iterdir()) == [
-        'answer.sealed', 'meta.json', 'nominal.yaml', *(f'run{k}.{format}' for k in (1, 2, 3))
-    ]  # fmt: skip
+        'answer.sealed',
+        'meta.json',
+        'nominal.yaml',
+        *(f'run{k}.{format}' for k in (1, 2, 3)),
+    ]
     names = [CHANNEL_COLUMNS[name] for name in NOISE_STD]
     for recording in challenge.dataset.recordings:
         file = tmp_path / 'case' / f'{recording.name}.{format}'
@@ -188,8 +191,12 @@ def test_command_makes_and_reveals(tmp_path, capsys, monkeypatch):
     told = capsys.readouterr().out
     assert re.search(r'as gravity of the library: g_x = -?[\d.]+ m/s\^2, g_y = -?[\d.]+ m/s\^2', told)
     assert 'gravity (structure_force)' in told and 'wire.E_A' in told and 'over the noise' in told
-    verdict = {'verdict': 'missing_effect', 'effects': ['gravity'], 'ranking': [{'effect': 'gravity'}],
-               'error': [{'effects': [], 'held_out': 6.0}, {'effects': ['gravity'], 'held_out': 1.1}]}  # fmt: skip
+    verdict = {
+        'verdict': 'missing_effect',
+        'effects': ['gravity'],
+        'ranking': [{'effect': 'gravity'}],
+        'error': [{'effects': [], 'held_out': 6.0}, {'effects': ['gravity'], 'held_out': 1.1}],
+    }
     (tmp_path / 'verdict.json').write_text(json.dumps(verdict))
     assert main(['challenge', 'reveal', 'case', 'verdict.json']) == 0
     told = capsys.readouterr().out

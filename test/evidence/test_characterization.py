@@ -16,8 +16,20 @@ from sma_sim.evidence.estimation.starting_values import CurveFeatures, median_sl
 from sma_sim.evidence.residual_analysis.compare import compare
 from sma_sim.evidence.residual_analysis.wire_tests import characterization
 
-ALLOY = {'E_A': 6e10, 'E_M': 3.5e10, 'eps_T': 0.045, 'sigma_T': 6.5e6, 'T0': 330.0, 'sigma_MW0': 1.5e8, 'dsigma': 1.5e8,
-         'c_V': 470.0, 'lambda': 120.0, 'r0': 2.5e-4, 'l0': 0.2, 'n': 1.0}  # fmt: skip
+ALLOY = {
+    'E_A': 6e10,
+    'E_M': 3.5e10,
+    'eps_T': 0.045,
+    'sigma_T': 6.5e6,
+    'T0': 330.0,
+    'sigma_MW0': 1.5e8,
+    'dsigma': 1.5e8,
+    'c_V': 470.0,
+    'lambda': 120.0,
+    'r0': 2.5e-4,
+    'l0': 0.2,
+    'n': 1.0,
+}
 MAP = """\
 system: wire
 tests:
@@ -83,33 +95,59 @@ def campaign(tmp_path_factory):
         T = 285.0 + 140.0 * there_and_back
         run = recorded(on_bench('stress', 'prescribed'), times, stress, T, 0.0)
         strain = run['strain'] + 1e-4 + 2e-5 * random.normal(size=len(T))
-        write(folder / 'isobaric' / f'{stress / 1e6:.0f}MPa.csv', temperature_C=T - 273.15, strain=strain,
-              stress_MPa=np.full(len(T), stress / 1e6))  # fmt: skip
+        write(
+            folder / 'isobaric' / f'{stress / 1e6:.0f}MPa.csv',
+            temperature_C=T - 273.15,
+            strain=strain,
+            stress_MPa=np.full(len(T), stress / 1e6),
+        )
     for T in (335.0, 350.0):
         strain = 0.05 * there_and_back
         run = recorded(on_bench('strain', 'prescribed'), times, strain, T, 0.0)
-        write(folder / 'pulls' / f'{T:.0f}K.csv', time_s=times, strain_percent=100.0 * strain,
-              stress_MPa=run['stress_Pa'] / 1e6 + 0.5 * random.normal(size=len(times)),
-              temperature_C=np.full(len(times), T - 273.15))  # fmt: skip
+        write(
+            folder / 'pulls' / f'{T:.0f}K.csv',
+            time_s=times,
+            strain_percent=100.0 * strain,
+            stress_MPa=run['stress_Pa'] / 1e6 + 0.5 * random.normal(size=len(times)),
+            temperature_C=np.full(len(times), T - 273.15),
+        )
     times = np.arange(0.0, 60.0, 0.25)
     power = np.where((times > 5.0) & (times < 30.0), 2.0, 0.0)
     run = recorded(on_bench('strain', 'balance'), times, 0.02, power)
-    write(folder / 'blocked' / 'heated.csv', time_s=times, power=power,
-          stress_MPa=run['stress_Pa'] / 1e6 + 0.5 * random.normal(size=len(times)),
-          temperature_C=run['T_K'] - 273.15 + 0.1 * random.normal(size=len(times)))  # fmt: skip
+    write(
+        folder / 'blocked' / 'heated.csv',
+        time_s=times,
+        power=power,
+        stress_MPa=run['stress_Pa'] / 1e6 + 0.5 * random.normal(size=len(times)),
+        temperature_C=run['T_K'] - 273.15 + 0.1 * random.normal(size=len(times)),
+    )
     times = np.arange(0.0, 900.0, 3.0)
     furnace = 270.0 + 90.0 * (1.0 - np.abs(times / 450.0 - 1.0))
     run = recorded(on_bench('stress', 'balance'), times, 0.0, 0.0, furnace)
-    write(folder / 'dsc' / 'no_load.csv', time_s=times, furnace_C=furnace - 273.15,
-          specimen_C=run['T_K'] - 273.15 + 0.02 * random.normal(size=len(times)))  # fmt: skip
+    write(
+        folder / 'dsc' / 'no_load.csv',
+        time_s=times,
+        furnace_C=furnace - 273.15,
+        specimen_C=run['T_K'] - 273.15 + 0.02 * random.normal(size=len(times)),
+    )
     return folder
 
 
 def words_of(campaign):
     """The command line for a campaign."""
     folders = [str(campaign / name) for name in KINDS]
-    return [*folders, '--system', 'wire', '--map', str(campaign / 'map.yaml'), '--model', 'hybrid', '--starts', '1',
-            *(word for one in GEOMETRY for word in ('--set', one))]  # fmt: skip
+    return [
+        *folders,
+        '--system',
+        'wire',
+        '--map',
+        str(campaign / 'map.yaml'),
+        '--model',
+        'hybrid',
+        '--starts',
+        '1',
+        *(word for one in GEOMETRY for word in ('--set', one)),
+    ]
 
 
 def dataset_of(campaign):
@@ -121,8 +159,13 @@ def dataset_of(campaign):
 def test_one_fit_takes_all_kinds_of_tests(campaign):
     dataset = dataset_of(campaign)
     assert [run.system for run in dataset.recordings] == [
-        'wire_under_load_at_T', 'wire_under_load_at_T', 'wire_at_T', 'wire_at_T', 'wire', 'wire_under_load',
-    ]  # fmt: skip
+        'wire_under_load_at_T',
+        'wire_under_load_at_T',
+        'wire_at_T',
+        'wire_at_T',
+        'wire',
+        'wire_under_load',
+    ]
     start = read_config(words=['system=wire', *GEOMETRY], effects=['smooth_transformation:width_A=2e7,width_M=2e7'])
     found = calibrate(dataset, start, FitOptions(kinetics='hybrid', starts=1))
     assert found.error < 1.15 and found.config.system == 'wire'

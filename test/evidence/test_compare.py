@@ -141,9 +141,17 @@ def test_shares_add_up(right):
 
 def test_every_dimension_of_the_module_is_there(right):
     assert {way.name for way in dimensions(right)} >= {
-        'mode of wire 1', 'mode of wire 2', 'temperature of wire 1', 'heating or cooling of wire 2', 'transforming wires',
-        'command', 'direction of motion', 'amplitude', 'time in the run', 'run',
-    }  # fmt: skip
+        'mode of wire 1',
+        'mode of wire 2',
+        'temperature of wire 1',
+        'heating or cooling of wire 2',
+        'transforming wires',
+        'command',
+        'direction of motion',
+        'amplitude',
+        'time in the run',
+        'run',
+    }
 
 
 def test_resting_wires_have_a_class_of_their_own():
@@ -348,9 +356,12 @@ def test_hold_out_by_name_file_folder_and_session(dataset, folder, tmp_path):
 
     assert held('run2') == held(str(folder / 'run2.csv')) == ['run2']
     assert held('run1', 'run3') == ['run1', 'run3']
-    renamed = replace(dataset, recordings=tuple(
-        replace(one, name=name) for one, name in zip(dataset.recordings, ('a/run', 'b/run#1', 'b/run#2'), strict=True)
-    ))  # fmt: skip
+    renamed = replace(
+        dataset,
+        recordings=tuple(
+            replace(one, name=name) for one, name in zip(dataset.recordings, ('a/run', 'b/run#1', 'b/run#2'), strict=True)
+        ),
+    )
     assert [one.name for one in split_dataset(renamed, ['b/run'])[1].recordings] == ['b/run#1', 'b/run#2']
     assert [one.name for one in split_dataset(renamed, ['b/run#2'])[1].recordings] == ['b/run#2']
     assert split_dataset(dataset, [])[1] is None
@@ -369,8 +380,10 @@ def test_regions_that_are_searched_at_once_are_those_of_searches_one_by_one():
     errors, times = ((rows / rows.sum(axis=1, keepdims=True)) for rows in (errors * times, times))
     together = find_regions(conditions, errors, times)
     assert [{condition.first for condition in region.conditions} if region else set() for region in together[:3]] == [
-        set(), {1, 2}, {1, 2}
-    ]  # fmt: skip
+        set(),
+        {1, 2},
+        {1, 2},
+    ]
     for region, error, time in zip(together, errors, times, strict=True):
         alone = find_region(conditions, error, time)
         if region is None:

@@ -120,8 +120,12 @@ def test_isobaric_tests_are_read_from_recordings_by_stress():
     assert [test.name for test in found] == ['low', 'high'] and found[0].temperatures[0] == pytest.approx(300.0, abs=0.6)
     lines = isobaric_as_text(found)
     assert len(lines) == 4 and lines[2].split() == [
-        'low', '100', *(f'{t - 273.15:.1f}' for t in found[0].temperatures), f'{100.0 * found[0].recovered:.2f}', '%',
-    ]  # fmt: skip
+        'low',
+        '100',
+        *(f'{t - 273.15:.1f}' for t in found[0].temperatures),
+        f'{100.0 * found[0].recovered:.2f}',
+        '%',
+    ]
 
 
 def bench():
@@ -188,8 +192,9 @@ def test_a_loop_whose_unloading_has_no_plateau_is_half_a_hysteresis_above_the_mi
 def test_a_loop_says_at_which_temperature_and_whether_it_was_heated():
     up = np.linspace(0.0, 0.05, 300)
     strain = np.concatenate([up, up[::-1]])
-    stress = np.concatenate([np.minimum(6e10 * up, 3e8), np.minimum(np.maximum(3e8 - 6e10 * (0.05 - up[::-1]), 1.2e8),
-                                                                    6e10 * up[::-1])])  # fmt: skip
+    stress = np.concatenate(
+        [np.minimum(6e10 * up, 3e8), np.minimum(np.maximum(3e8 - 6e10 * (0.05 - up[::-1]), 1.2e8), 6e10 * up[::-1])]
+    )
     times = np.linspace(0.0, 100.0, len(strain))
 
     def loop(J):
@@ -200,9 +205,13 @@ def test_a_loop_says_at_which_temperature_and_whether_it_was_heated():
     assert found is not None and found.temperature == 325.0 and isothermal_test(loop(0.1)) is None
     assert found.hysteresis == pytest.approx(1.8e8, rel=0.02)
     assert plateaus_as_text([found])[2].split() == [
-        'loop', f'{325.0 - 273.15:.1f}', f'{found.loading / 1e6:.1f}', f'{found.unloading / 1e6:.1f}',
-        f'{100.0 * found.plateau_strain:.2f}', '%',
-    ]  # fmt: skip
+        'loop',
+        f'{325.0 - 273.15:.1f}',
+        f'{found.loading / 1e6:.1f}',
+        f'{found.unloading / 1e6:.1f}',
+        f'{100.0 * found.plateau_strain:.2f}',
+        '%',
+    ]
     assert isothermal_features('short', np.full(600, 325.0), 0.09 * strain, stress) is None
     assert isothermal_features('few', np.full(9, 325.0), strain[:9], stress[:9]) is None
     one_way = isothermal_features('up', np.full(300, 325.0), strain[:300], stress[:300])

@@ -44,8 +44,16 @@ def test_each_cycle_is_evaluated_and_the_drift_is_told():
 
 
 def test_inner_loops_holds_and_halves_are_no_cycles():
-    T = np.concatenate([np.linspace(300, 400, 101), np.linspace(400, 380, 21), np.linspace(380, 400, 21), np.full(30, 400.0),
-                        np.linspace(400, 300, 101), np.linspace(300, 360, 61)])  # fmt: skip
+    T = np.concatenate(
+        [
+            np.linspace(300, 400, 101),
+            np.linspace(400, 380, 21),
+            np.linspace(380, 400, 21),
+            np.full(30, 400.0),
+            np.linspace(400, 300, 101),
+            np.linspace(300, 360, 61),
+        ]
+    )
     rows = turning_rows(T)
     assert T[rows].tolist() == [300.0, 400.0, 300.0, 360.0]
     (heating, cooling), *rest = cycles(T, np.arange(float(len(T))))

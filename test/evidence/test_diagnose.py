@@ -261,9 +261,11 @@ def test_probabilities_and_models_for_programs(with_gravity):
 
 
 FOREIGN = {
-    'time_s': ('t [ms]', 1e-3), 'J_eq_W': ('mW', 1e-3), 'alpha_rad': ('deg', float(np.pi / 180.0)),
+    'time_s': ('t [ms]', 1e-3),
+    'J_eq_W': ('mW', 1e-3),
+    'alpha_rad': ('deg', float(np.pi / 180.0)),
     'U_x_m': ('x [mm]', 1e-3),
-}  # fmt: skip
+}
 
 
 def in_foreign_files(runs, home):

@@ -126,7 +126,7 @@ def test_what_cannot_be_done_is_said(folder, tmp_path, capsys):
         ([*data, '--system', 'wire'], 'strain'),
         ([*data, '--hold-out', 'run1', 'run2', 'run3'], 'leave some to fit'),
         ([*data, '--model', 'mass'], 'invalid choice'),
-    ):  # fmt: skip
+    ):
         assert code_of(['diagnose', *words]) == 2
         message = capsys.readouterr().err
         assert 'Traceback' not in message, message

@@ -35,9 +35,15 @@ from sma_sim.solver.model import Model
 CHANNELS = ('U_x', 'U_y', 'alpha')
 LOCATIONS = {location.name: location for location in locations_for(config(), CHANNELS)}
 SHAPES = {
-    'threshold': 0.02, 'width': 0.03, 'wavenumber': 80.0, 'phase': 0.5, 'instant': 9.0, 'time_constant': 4.0,
-    'frequency': 0.1, 'fixed': 1.5,
-}  # fmt: skip
+    'threshold': 0.02,
+    'width': 0.03,
+    'wavenumber': 80.0,
+    'phase': 0.5,
+    'instant': 9.0,
+    'time_constant': 4.0,
+    'frequency': 0.1,
+    'fixed': 1.5,
+}
 TIMES = np.linspace(0.0, 30.0, 121)
 
 
@@ -56,19 +62,27 @@ def shown(model):
 
 # Formulas for the nightly tests: each compiles its own effect.
 NIGHTLY = (
-    ('moment_alpha', 'alpha_wave', 3e-3), ('force_U_y', 'oscillation', 0.05), ('heat_2', 'T_bump', 0.05),
-    ('power', 'J_above', -0.2), ('stress_1', 'T_above', 1e5), ('sense_U_y', 'settling', 1e-4),
-)  # fmt: skip
+    ('moment_alpha', 'alpha_wave', 3e-3),
+    ('force_U_y', 'oscillation', 0.05),
+    ('heat_2', 'T_bump', 0.05),
+    ('power', 'J_above', -0.2),
+    ('stress_1', 'T_above', 1e5),
+    ('sense_U_y', 'settling', 1e-4),
+)
 
 
 @pytest.mark.parametrize(
     ('location', 'term', 'coefficient'),
     [
-        ('moment_alpha', 'hinge_leaking', -5e-3), ('stiffness', 'slow_warmth', 3e-3), ('heat', 'dT_switched', -1e-3),
-        ('power_1', 'tired_supply', -0.05), ('stress', 'worked', -1e6), ('sense_alpha', 'play', 1.0),
+        ('moment_alpha', 'hinge_leaking', -5e-3),
+        ('stiffness', 'slow_warmth', 3e-3),
+        ('heat', 'dT_switched', -1e-3),
+        ('power_1', 'tired_supply', -0.05),
+        ('stress', 'worked', -1e6),
+        ('sense_alpha', 'play', 1.0),
         *(pytest.param(*one, marks=pytest.mark.slow) for one in NIGHTLY),
     ],
-)  # fmt: skip
+)
 def test_a_formula_in_a_file_is_the_term_that_was_fitted(location, term, coefficient):
     """The universal term and the file come from one text; they must do the same, and nothing with a coefficient of 0."""
     fit = fit_of(location, term, coefficient)
@@ -117,8 +131,11 @@ def test_terms_along_a_run_are_those_of_the_simulator():
     term = next(term for term in LOCATIONS['stress'].terms if term.name == 'slow_T')
     time = np.linspace(0.0, 20.0, 201)
     hot = {'T_E_K': np.full(201, 298.0), 'alpha_rad': 0 * time, 'U_x_m': 0 * time, 'U_y_m': 0 * time, 'J_eq_W': 0 * time}
-    hot |= {f'{kind}_{k}{unit}': np.full(201, value) for k in (1, 2)
-            for kind, unit, value in (('T', '_K', 308.0), ('F', '_N', 1.0), ('x_M', '', 0.5))}  # fmt: skip
+    hot |= {
+        f'{kind}_{k}{unit}': np.full(201, value)
+        for k in (1, 2)
+        for kind, unit, value in (('T', '_K', 308.0), ('F', '_N', 1.0), ('x_M', '', 0.5))
+    }
     fields = kernel_fields(time, hot, config(), 0)
     from sma_sim.evidence.symbolic_regression.visited_states import VisitedStates
 
@@ -152,8 +169,10 @@ def test_the_best_terms_count_by_their_own_responses():
 
     linearized = SimpleNamespace(
         locations=tuple(LOCATIONS[name] for name in ('heat_1', 'heat_2', 'strain_1', 'sense_alpha')),
-        responses=responses, project=lambda response: response, projected_residuals=residuals,
-    )  # fmt: skip
+        responses=responses,
+        project=lambda response: response,
+        projected_residuals=residuals,
+    )
     names = ('heat', 'heat_1', 'strain_1', 'sense_alpha')
     fits = [replace(fit_of(name, 'constant', 0.1), error_reduction=7.0, tried=2.0) for name in names]
     every, one, strain, sensor = with_own_responses(linearized, fits)

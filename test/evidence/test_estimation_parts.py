@@ -23,8 +23,9 @@ from sma_sim.model.parameters import DEFAULTS
 def run():
     times = np.linspace(3.0, 7.0, 41)
     source = module_input(times, np.zeros(41))
-    return fit_data(Recording('run', 'module', times, {'alpha': np.zeros(41), 'U_y': np.zeros(41)}, source),
-                    {'alpha': 1.0, 'U_y': 1.0})  # fmt: skip
+    return fit_data(
+        Recording('run', 'module', times, {'alpha': np.zeros(41), 'U_y': np.zeros(41)}, source), {'alpha': 1.0, 'U_y': 1.0}
+    )
 
 
 def test_a_secant_update_agrees_with_its_step_and_keeps_the_rest():

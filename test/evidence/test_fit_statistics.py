@@ -64,9 +64,16 @@ def problem_of(runs=2, delay=None, robust=False):
     shared_at = range(len(shared))
     indices = [np.array([*shared_at, len(shared) + 2 * k, len(shared) + 2 * k + 1]) for k in range(runs)]
     return SimpleNamespace(
-        free=(A, B), shared=shared, unknowns=unknowns, delay=delay, robust=robust, limits=lambda: limits,
-        indices=lambda: indices, runs=tuple(run_of(f'run{k}') for k in range(runs)), samples=runs * 2 * SAMPLES,
-    )  # fmt: skip
+        free=(A, B),
+        shared=shared,
+        unknowns=unknowns,
+        delay=delay,
+        robust=robust,
+        limits=lambda: limits,
+        indices=lambda: indices,
+        runs=tuple(run_of(f'run{k}') for k in range(runs)),
+        samples=runs * 2 * SAMPLES,
+    )
 
 
 def linear_of(problem, seed=0, size=0.2):
@@ -119,8 +126,10 @@ def test_correlated_residuals_widen_intervals_as_their_scores_say():
     problem = problem_of()
     n, z = len(problem.unknowns), np.zeros(len(problem.unknowns))
     slow = np.sin(np.linspace(0.0, 20.0, SAMPLES))
-    linear = [LinearizedRun(run.indices, np.array([3.0 * slow, run.residuals[1]]), run.jacobian + slow)
-              for run in linear_of(problem)]  # fmt: skip
+    linear = [
+        LinearizedRun(run.indices, np.array([3.0 * slow, run.residuals[1]]), run.jacobian + slow)
+        for run in linear_of(problem)
+    ]
     times = correlation_times(informations_of(problem, linear))
     assert times['alpha'] == pytest.approx(autocorrelation_time(slow)) and times['F_1'] < 2.0 < times['alpha']
     prior = np.diag(np.where(np.arange(n) < 2, BOUND_STDS**-2.0, 1.0))

@@ -71,9 +71,13 @@ def test_a_resistance_tells_what_its_resistivities_leave(pool):
     one = hypothesis('nothing', config())
     found = {c.channel: c for c in further_channels([one], RUNS.noise_std, (), np.eye(3)[:2], pool)}
     std = config().parameters['check.noise_R_1']
-    seen = replace(RUNS, recordings=tuple(
-        replace(run, channels={**run.channels, 'R_1': predict(config(), run)['R_1']}) for run in RUNS.recordings
-    ), noise_std=RUNS.noise_std | {'R_1': std})  # fmt: skip
+    seen = replace(
+        RUNS,
+        recordings=tuple(
+            replace(run, channels={**run.channels, 'R_1': predict(config(), run)['R_1']}) for run in RUNS.recordings
+        ),
+        noise_std=RUNS.noise_std | {'R_1': std},
+    )
     gains = []
     for free in ((*FREE, *RESISTIVITY_NAMES), FREE):
         problem = problem_for(seen, config(), FitOptions(free=free), 1)
@@ -111,6 +115,7 @@ def test_what_differs_in_temperature_is_told_by_its_sensor(pool):
     assert told['T_1'].least > blunt['T_1'].least and told['F_1'].least == pytest.approx(blunt['F_1'].least, rel=1e-6)
     data = channel_data(found[0])
     assert {(ratio['true'], ratio['rival']) for ratio in data['expected_log_evidence_ratio']} == {
-        ('nothing', 'radiation'), ('radiation', 'nothing'),
-    }  # fmt: skip
+        ('nothing', 'radiation'),
+        ('radiation', 'nothing'),
+    }
     assert found[0].decides and 'would separate the explanations' in channels_sentence(found)

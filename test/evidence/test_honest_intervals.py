@@ -81,9 +81,7 @@ def test_other_minima_are_part_of_an_interval_or_said():
     known = uncertainty(problem, np.zeros(len(problem.unknowns)), informations_of(problem, linear_of(problem)))
     a, b = known.intervals
     values = {'a': 3.0 * a.value, 'b': b.value}
-    near, far, ruled_out = (
-        OtherStart(1e3, values, False, odds) for odds in (0.9 * RULED_OUT, 1.1 * RULED_OUT, 8.0)
-    )  # fmt: skip
+    near, far, ruled_out = (OtherStart(1e3, values, False, odds) for odds in (0.9 * RULED_OUT, 1.1 * RULED_OUT, 8.0))
     wide, same = with_other_minima(known, [near]).intervals
     assert (wide.low, wide.high) == (a.low, values['a']) and same == b
     assert with_other_minima(known, [far, ruled_out]) == known
@@ -106,8 +104,10 @@ def test_every_estimate_at_a_limit_is_said():
     problem = replace(problem, runs=runs)
     z = np.zeros(len(problem.unknowns))
     z[2] = -9.78
-    fits = tuple(RunFit(run.name, (), (), (), {}, 1.0, zero=2e-3, zeros={'alpha': zero}, quasi_static=True)
-                 for run, zero in zip(runs, (1.2, 0.5), strict=True))  # fmt: skip
+    fits = tuple(
+        RunFit(run.name, (), (), (), {}, 1.0, zero=2e-3, zeros={'alpha': zero}, quasi_static=True)
+        for run, zero in zip(runs, (1.2, 0.5), strict=True)
+    )
     found = {limit.name: limit for limit in limits_reached(problem, z, fits)}
     assert set(found) == {'delay', 'zero.strain', 'zero.alpha'}
     assert (found['delay'].low, found['delay'].value) == (-0.5, pytest.approx(-0.489))
@@ -138,9 +138,12 @@ def test_a_delay_within_half_a_sampling_interval_is_no_finding():
 
 @pytest.mark.parametrize(
     ('limits', 'words'),
-    [({'beam.L': (0.0, 1.0)}, 'a parameter that is fitted'), ({'wire.E_A': (2e10, 1e10)}, 'lower end first'),
-     ({'wire.E_A': (-1.0, 1e10)}, 'more than 0')],
-)  # fmt: skip
+    [
+        ({'beam.L': (0.0, 1.0)}, 'a parameter that is fitted'),
+        ({'wire.E_A': (2e10, 1e10)}, 'lower end first'),
+        ({'wire.E_A': (-1.0, 1e10)}, 'more than 0'),
+    ],
+)
 def test_limits_that_are_none(limits, words):
     with pytest.raises(UserError, match=words):
         within_limits(module_problem(), limits)

@@ -228,8 +228,12 @@ def test_hypotheses_and_reasons():
     assert confounding_reason(by_name['moment_alpha'], by_name['stress'], True) == ''
     assert 'no force is measured' in confounding_reason(by_name['moment_alpha'], by_name['stress'], False)
     assert [found.name for found in hypotheses_of(ports_of(Config(system='wire'), ('stress',)))] == [
-        'heat_1', 'strain_1', 'stress_1', 'power_1', 'sense_stress',
-    ]  # fmt: skip
+        'heat_1',
+        'strain_1',
+        'stress_1',
+        'power_1',
+        'sense_stress',
+    ]
 
 
 @pytest.mark.slow

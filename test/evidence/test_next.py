@@ -159,9 +159,10 @@ def test_a_design_tells_more_than_the_default_and_keeps_all_limits(rivals):
     assert all(prediction.is_within(plan.limits) for prediction in plan.predictions)
     assert plan.evaluated == 11 and not plan.interrupted
     assert plan.limits_from == {
-        'power': 'the largest command in the recordings', 'temperature': 'given',
+        'power': 'the largest command in the recordings',
+        'temperature': 'given',
         'stress': 'a tenth above what the recordings reached in the model',
-    }  # fmt: skip
+    }
     data = json.loads(json.dumps(plan_data(plan), allow_nan=False))
     assert data['kind'] == 'rivals' and data['sequence']['time_s'][-1] == SHORT['length']
     assert data['reached']['temperature_K'] <= data['limits']['temperature_K']

@@ -14,8 +14,15 @@ from sma_sim.evidence.estimation.prepared_fit import prepare
 from sma_sim.solver.inputs import inputs_at
 from sma_sim.words.nuisances import nuisance_data, nuisance_sentences
 
-ALLOY = ('wire.E_A=4e10', 'wire.E_M=2.5e10', 'wire.eps_T=0.04', 'wire.sigma_T=6e6', 'wire.dsigma=6e7', 'wire.sigma_MW0=3e8',
-         'wire.n=1')  # fmt: skip
+ALLOY = (
+    'wire.E_A=4e10',
+    'wire.E_M=2.5e10',
+    'wire.eps_T=0.04',
+    'wire.sigma_T=6e6',
+    'wire.dsigma=6e7',
+    'wire.sigma_MW0=3e8',
+    'wire.n=1',
+)
 BENCH = ('system=wire', *ALLOY)
 ISOTHERM = ('system=wire', 'bench.temperature=prescribed', 'initial.x_M_1=0', *ALLOY)
 OFFSETS = ((2e6, -6e6), (-1e6, 4e6), (0.0, 5e6))  # [Pa] zeros of recordings, and by how much they drift
@@ -129,8 +136,24 @@ def test_what_a_bench_adds_is_no_finding(tmp_path):
     )
     words = [word for name in BENCH for word in ('--set', name)]
     out = tmp_path / 'found.json'
-    assert not main(['diagnose', *map(str, paths), '--map', str(tmp_path / 'map.yaml'), *words, '--model', 'hybrid',
-                     '--noise', 'stress=1e5', '--noise', 'T=0.05', '--no-equation', '--json', str(out)])  # fmt: skip
+    assert not main(
+        [
+            'diagnose',
+            *map(str, paths),
+            '--map',
+            str(tmp_path / 'map.yaml'),
+            *words,
+            '--model',
+            'hybrid',
+            '--noise',
+            'stress=1e5',
+            '--noise',
+            'T=0.05',
+            '--no-equation',
+            '--json',
+            str(out),
+        ]
+    )
     found = json.loads(out.read_text())
     assert found['verdict'] == 'none' and found['effects'] == []
     assert found['nuisances']['effects']['thermometer_lag']['tau'] == pytest.approx(0.3, abs=0.05)

@@ -58,11 +58,14 @@ def test_words_and_python_say_it_too():
 
 @pytest.mark.parametrize(
     ('word', 'said'),
-    [('priors.wire.E_B=1e9', 'no fit of this model changes wire.E_B; did you mean'),
-     ('priors.node.J_max=1', 'no fit of this model changes node.J_max'),
-     ('priors.wire.E_A=0', 'more than 0'), ('priors.wire.E_A=wide', 'expected a standard deviation in Pa'),
-     ('priors.effects.gravity.g_y=1', 'no fit of this model changes')],
-)  # fmt: skip
+    [
+        ('priors.wire.E_B=1e9', 'no fit of this model changes wire.E_B; did you mean'),
+        ('priors.node.J_max=1', 'no fit of this model changes node.J_max'),
+        ('priors.wire.E_A=0', 'more than 0'),
+        ('priors.wire.E_A=wide', 'expected a standard deviation in Pa'),
+        ('priors.effects.gravity.g_y=1', 'no fit of this model changes'),
+    ],
+)
 def test_what_is_no_prior_is_said(word, said):
     with pytest.raises(UserError, match=said):
         read_config(words=[word])

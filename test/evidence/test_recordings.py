@@ -135,11 +135,15 @@ def test_fast_shapes_are_no_outliers(shape, std):
     time = np.arange(1000) / RATE
     k = np.arange(1000) - 500
     values = {
-        'step': (k > 0) * 1.0, 'ramp': np.clip(k / 3.0, 0.0, 1.0), 'peak': np.maximum(1.0 - np.abs(k) / 4.0, 0.0),
-        'decay': np.where(k >= 0, 0.5 ** np.maximum(k, 0), 0.0), 'square': (k // 10 % 2) * 1.0,
-        'exponential': 1.0 - np.exp(-np.maximum(k, 0) / 2.0), 'noise': np.random.default_rng(5).standard_t(8, 1000),
+        'step': (k > 0) * 1.0,
+        'ramp': np.clip(k / 3.0, 0.0, 1.0),
+        'peak': np.maximum(1.0 - np.abs(k) / 4.0, 0.0),
+        'decay': np.where(k >= 0, 0.5 ** np.maximum(k, 0), 0.0),
+        'square': (k // 10 % 2) * 1.0,
+        'exponential': 1.0 - np.exp(-np.maximum(k, 0) / 2.0),
+        'noise': np.random.default_rng(5).standard_t(8, 1000),
         'rest': np.zeros(1000),
-    }[shape]  # fmt: skip
+    }[shape]
     noisy = values + std * np.random.default_rng(0).normal(size=1000)
     assert not outliers(time, noisy).any()
 
@@ -227,10 +231,16 @@ def test_a_map_converts(tmp_path):
     columns = module_columns()
     plain = read_dataset([write_recording(tmp_path / 'plain.csv', columns)], 'module', 298.0)
     foreign = {
-        't_ms': columns['time_s'] * 1e3, 'power_mW': columns['J_eq_W'] * 1e3, 'room_C': columns['T_E_K'] - 273.15,
-        'x_mm': columns['U_x_m'] * 1e3, 'y_mm': columns['U_y_m'] * 1e3, 'angle_deg': np.degrees(columns['alpha_rad']),
-        'F_1_N': columns['F_1_N'], 'wire_1_C': columns['T_1_K'] - 273.15, 'wire_2_C': columns['T_2_K'] - 273.15,
-    }  # fmt: skip
+        't_ms': columns['time_s'] * 1e3,
+        'power_mW': columns['J_eq_W'] * 1e3,
+        'room_C': columns['T_E_K'] - 273.15,
+        'x_mm': columns['U_x_m'] * 1e3,
+        'y_mm': columns['U_y_m'] * 1e3,
+        'angle_deg': np.degrees(columns['alpha_rad']),
+        'F_1_N': columns['F_1_N'],
+        'wire_1_C': columns['T_1_K'] - 273.15,
+        'wire_2_C': columns['T_2_K'] - 273.15,
+    }
     path = write_recording(tmp_path / 'foreign.csv', foreign)
     mapped = read_dataset([path], 'module', 300.0, MAPS / 'module_degrees.yaml')
     one, two = plain.recordings[0], mapped.recordings[0]
@@ -372,8 +382,14 @@ def test_what_rests_or_turns_is_no_end_of_a_range(shown):
 def test_rows_of_a_sensor_at_the_end_of_its_range_are_missing(tmp_path):
     time, shown = ramps(480.0)
     file = tmp_path / 'run.csv'
-    columns = {'time_s': time, 'stress_Pa': np.full(80, 1.5e8), 'J_W': 0.01 * time / 60.0, 'T_E_K': np.full(80, 298.0),
-               'strain': 1e-3 * np.sin(time), 'T_K': shown}  # fmt: skip
+    columns = {
+        'time_s': time,
+        'stress_Pa': np.full(80, 1.5e8),
+        'J_W': 0.01 * time / 60.0,
+        'T_E_K': np.full(80, 298.0),
+        'strain': 1e-3 * np.sin(time),
+        'T_K': shown,
+    }
     write_columns(file, columns)
     (recording,) = read_dataset([file], 'wire_under_load', 298.0).recordings
     assert np.isnan(recording.channels['T']).sum() == (shown == 480.0).sum()

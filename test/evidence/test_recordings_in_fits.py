@@ -230,8 +230,10 @@ def test_a_map_decides_which_parameters_of_its_effects_are_fitted():
 
 
 def test_what_belongs_to_the_bench_is_said_for_each_recording():
-    runs = (RunFit('a', (), (), (), {}, 1.0, zeros={'F_1': 0.125}, drifts={'T_1': 2.0}),
-            RunFit('b', (), (), (), {}, 1.0, zeros={'F_1': -0.5}))  # fmt: skip
+    runs = (
+        RunFit('a', (), (), (), {}, 1.0, zeros={'F_1': 0.125}, drifts={'T_1': 2.0}),
+        RunFit('b', (), (), (), {}, 1.0, zeros={'F_1': -0.5}),
+    )
     config = Config(effects=(active('power_scale', k=1.1), active('gravity', g_x=1.0, g_y=9.81)))
     known = SimpleNamespace(intervals=(Interval('effects.power_scale.k', 1.1, 0.1, 0.9, 1.3, False, True, '-'),))
     found = SimpleNamespace(runs=runs, config=config, uncertainty=known, delay=0.01)
@@ -245,9 +247,11 @@ def test_what_belongs_to_the_bench_is_said_for_each_recording():
     assert nuisance_sentences(found, ('gravity', 'power_scale')) == offset_sentences(found)
     data = nuisance_data(found, ('gravity',))
     assert data == {
-        'delay': 0.01, 'effects': {'power_scale': {'k': 1.1}},
-        'zeros': {'a': {'F_1': 0.125}, 'b': {'F_1': -0.5}}, 'drifts': {'a': {'T_1': 2.0}},
-    }  # fmt: skip
+        'delay': 0.01,
+        'effects': {'power_scale': {'k': 1.1}},
+        'zeros': {'a': {'F_1': 0.125}, 'b': {'F_1': -0.5}},
+        'drifts': {'a': {'T_1': 2.0}},
+    }
 
 
 def replace_uncertainty(found):

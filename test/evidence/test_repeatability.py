@@ -17,9 +17,25 @@ from sma_sim.evidence.estimation.prepared_fit import prepare
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 
-WORDS = ('system=slider', 'wire.l0=1.0', 'wire.r0=0.25e-3', 'wire.E_A=4e10', 'wire.E_M=2e10', 'wire.eps_T=0.018',
-         'wire.sigma_T=6e6', 'wire.T0=343', 'wire.sigma_MW0=9.8e7', 'wire.dsigma=1.2e8', 'wire.c_V=450', 'wire.lambda=100',
-         'slider.L=1.018', 'slider.k=60', 'slider.x_0=0.05', 'slider.m=0.028', 'slider.b=1.7')  # fmt: skip
+WORDS = (
+    'system=slider',
+    'wire.l0=1.0',
+    'wire.r0=0.25e-3',
+    'wire.E_A=4e10',
+    'wire.E_M=2e10',
+    'wire.eps_T=0.018',
+    'wire.sigma_T=6e6',
+    'wire.T0=343',
+    'wire.sigma_MW0=9.8e7',
+    'wire.dsigma=1.2e8',
+    'wire.c_V=450',
+    'wire.lambda=100',
+    'slider.L=1.018',
+    'slider.k=60',
+    'slider.x_0=0.05',
+    'slider.m=0.028',
+    'slider.b=1.7',
+)
 MAP = 'system: slider\nJ_W: {{column: duty, scale: 70}}\nposition_m: {{column: position_m{more}}}\n{top}'
 OFF = (0.0, 1e-3, -5e-4)  # [m] zeros of the recordings
 
@@ -111,8 +127,25 @@ def test_what_a_map_cannot_say(more, top, message, tmp_path):
 def test_the_zeros_are_reported(tmp_path, capsys):
     files, path = write_runs(tmp_path), with_map(tmp_path, ', zero_std: 2e-3')
     words = [word for name in WORDS[1:] for word in ('--set', name)]
-    assert not main(['fit', *map(str, files), '--system', 'slider', '--map', str(path), *words, '--model', 'hybrid',
-                     '--free', 'wire.lambda', '--starts', '1', '--json', str(tmp_path / 'found.json')])  # fmt: skip
+    assert not main(
+        [
+            'fit',
+            *map(str, files),
+            '--system',
+            'slider',
+            '--map',
+            str(path),
+            *words,
+            '--model',
+            'hybrid',
+            '--free',
+            'wire.lambda',
+            '--starts',
+            '1',
+            '--json',
+            str(tmp_path / 'found.json'),
+        ]
+    )
     shown, found = capsys.readouterr().out, json.loads((tmp_path / 'found.json').read_text())
     assert 'zero of position, estimated for each recording' in shown
     assert [run['zeros']['position'] for run in found['error']['runs'].values()] == pytest.approx(OFF, abs=5e-5)
@@ -124,9 +157,25 @@ def test_effects_of_the_nominal_model_are_no_findings(tmp_path):
     files, path = write_runs(tmp_path), with_map(tmp_path, ', zero_std: 2e-3')
     words = [word for name in WORDS[1:] for word in ('--set', name)]
     out = tmp_path / 'found.json'
-    assert not main(['diagnose', *map(str, files), '--system', 'slider', '--map', str(path), *words, '--model', 'hybrid',
-                     '--effect', 'latent_heat_scale:k=1.1', '--no-equation', '--no-variants',
-                     '--json', str(out)])  # fmt: skip
+    assert not main(
+        [
+            'diagnose',
+            *map(str, files),
+            '--system',
+            'slider',
+            '--map',
+            str(path),
+            *words,
+            '--model',
+            'hybrid',
+            '--effect',
+            'latent_heat_scale:k=1.1',
+            '--no-equation',
+            '--no-variants',
+            '--json',
+            str(out),
+        ]
+    )
     found = json.loads(out.read_text())
     assert found['verdict'] == 'none' and found['effects'] == []
 

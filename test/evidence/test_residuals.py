@@ -122,8 +122,11 @@ def test_strain_stays_where_it_was_when_sampled_heating_moves():
     source = wire_input(rows, 0.02 + 0.002 * rows, np.where(rows < 5.0, 0.0, 0.3))
     run = Recording('wire', 'wire', rows[1:], {'stress': np.zeros(100)}, source, exact_commands=False)
     given = config(system='wire', solver__rtol=1e-7)
-    moved = wire_input(np.insert(rows, 50, 4.95), np.insert(0.02 + 0.002 * rows, 50, 0.0299),
-                       np.insert(np.where(rows < 5.0, 0.0, 0.3), 50, 0.3))  # fmt: skip
+    moved = wire_input(
+        np.insert(rows, 50, 4.95),
+        np.insert(0.02 + 0.002 * rows, 50, 0.0299),
+        np.insert(np.where(rows < 5.0, 0.0, 0.3), 50, 0.3),
+    )
     expected = simulate(Model(given), moved, rows[1:])['stress_Pa']
     np.testing.assert_allclose(predict(given, run, Nuisance(switches=(0.5,)))['stress'], expected, rtol=1e-6)
 

@@ -155,8 +155,10 @@ def test_each_start_is_minimised_and_others_are_said_beside_the_best(monkeypatch
     context = SearchContext(None, Event())
     found = calibration.multistart_search(start_of(SimpleNamespace(recordings=recordings)), FitOptions(starts=3), context)
     assert sorted(made[:3], key=lambda one: one[2]) == [
-        (8, FROM_PRIORS.damping, 0.0), (8, WEAKLY_DAMPED.damping, 0.1), (8, WEAKLY_DAMPED.damping, 0.2),
-    ]  # fmt: skip
+        (8, FROM_PRIORS.damping, 0.0),
+        (8, WEAKLY_DAMPED.damping, 0.1),
+        (8, WEAKLY_DAMPED.damping, 0.2),
+    ]
     assert sorted(labels) == [f'hybrid, start {k}' for k in (1, 2, 3)]
     assert made[3:] == [(10, calibration.JOINING_DAMPING, 'all runs')] and found.iterations == 11
     assert found.z[:3].tolist() == [1.1] * 3 and len(found.problem.runs) == 10

@@ -87,10 +87,14 @@ def with_other_length(given, stretch):
     E_M = wire['wire.E_M'] * stretch
     d = (1.0 / wire['wire.E_M'] - 1.0 / wire['wire.E_A']) / (stretch * s)
     changed = {
-        'wire.l0': wire['wire.l0'] * stretch, 'wire.eps_T': eps_T, 'wire.E_M': E_M, 'wire.E_A': 1.0 / (1.0 / E_M - d),
-        'wire.c_V': wire['wire.c_V'] / stretch, 'wire.lambda': wire['wire.lambda'] / stretch,
+        'wire.l0': wire['wire.l0'] * stretch,
+        'wire.eps_T': eps_T,
+        'wire.E_M': E_M,
+        'wire.E_A': 1.0 / (1.0 / E_M - d),
+        'wire.c_V': wire['wire.c_V'] / stretch,
+        'wire.lambda': wire['wire.lambda'] / stretch,
         **{f'initial.x_M_{i}': 1.0 - s * (1.0 - wire[f'initial.x_M_{i}']) for i in (1, 2)},
-    }  # fmt: skip
+    }
     return replace(given, parameters={**wire, **changed})
 
 

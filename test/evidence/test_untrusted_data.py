@@ -124,7 +124,7 @@ def test_the_users_own_effects_replay_bit_for_bit(tmp_path, run, marker, capsys)
         (['bag', 'convert', 'BAG', 'BAG.csv'], None),
         (['challenge', 'reveal', 'DATA'], None),
     ],
-)  # fmt: skip
+)
 def test_no_command_opens_a_folder_named_in_data(tmp_path, run, marker, monkeypatch, words, stopped_at):
     """Up to where the command computes, with what it has read."""
     data = tmp_path / 'data'

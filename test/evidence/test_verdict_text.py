@@ -57,11 +57,20 @@ def diagnosis(verdict, *candidates, errors=(10.0, 1.0), stopped=False, **changes
     steps = [SimpleNamespace(accepted=one, candidate_fits=(one, *rivals)) for one in candidates]
     steps.append(SimpleNamespace(accepted=None, candidate_fits=()))
     given = {
-        'verdict': verdict, 'effects': tuple(names), 'selection_steps': tuple(steps), 'posterior': POSTERIOR,
+        'verdict': verdict,
+        'effects': tuple(names),
+        'selection_steps': tuple(steps),
+        'posterior': POSTERIOR,
         'stages': tuple(stage(names[:k], error, 'added' if k else 'nominal') for k, error in enumerate(errors)),
-        'held_out_ratio': {}, 'confounding': {}, 'training': ('run1', 'run2'), 'held_out': ('run3',), 'noise_std': {},
-        'interrupted': stopped, 'search_ended': not stopped, 'seconds': 1.0,
-    }  # fmt: skip
+        'held_out_ratio': {},
+        'confounding': {},
+        'training': ('run1', 'run2'),
+        'held_out': ('run3',),
+        'noise_std': {},
+        'interrupted': stopped,
+        'search_ended': not stopped,
+        'seconds': 1.0,
+    }
     return Diagnosis(**given | changes)
 
 
@@ -190,19 +199,25 @@ def test_runs_that_one_model_explains_together():
     assert 'temperatures differ, from that of run1 by run2 -1.28 (-1.5 to -1.1) [K]' in ' '.join(remarks(warmer))
 
 
-@pytest.mark.parametrize(('changes', 'expected'), [
-    ({'training': ('run1',)}, 'Only one run was fitted'), ({'held_out': ()}, 'No run was held out'),
-    ({'interrupted': True}, 'Stopped during the last fit'),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ('changes', 'expected'),
+    [
+        ({'training': ('run1',)}, 'Only one run was fitted'),
+        ({'held_out': ()}, 'No run was held out'),
+        ({'interrupted': True}, 'Stopped during the last fit'),
+    ],
+)
 def test_what_weakens_a_verdict_is_said(changes, expected):
     assert any(line.startswith(expected) for line in remarks(diagnosis('none', errors=(1.0,), **changes)))
 
 
 def test_people_are_not_shown_codes():
     found = [
-        diagnosis('none', errors=(1.0,)), diagnosis('missing_effect', candidate('gravity')),
-        diagnosis('unknown_effect', candidate('gravity')), diagnosis('none', stopped=True),
-    ]  # fmt: skip
+        diagnosis('none', errors=(1.0,)),
+        diagnosis('missing_effect', candidate('gravity')),
+        diagnosis('unknown_effect', candidate('gravity')),
+        diagnosis('none', stopped=True),
+    ]
     for one in found:
         text = '\n'.join(as_text(one))
         assert '_effect' not in text and text.splitlines()[0].endswith('.')
