@@ -98,7 +98,7 @@ def cases(parts: Sequence[str], seed: int) -> list[Case]:
     found = [
         (part, names, error, seed + k, k % 2 == 0, k % 3 == 0 and not any(map(is_of_sensors, names)))
         for k, (part, names, error) in enumerate(hidden)
-    ]  # fmt: skip
+    ]
     return [case for case in found if case[0] in parts]
 
 
@@ -120,10 +120,15 @@ def solve(
     found = diagnose(made.dataset, made.nominal, executor=pool)
     odds, seen = odds_of_truth(made, pool)
     return {
-        'verdict': found.verdict, 'answers': answers(found.posterior), 'truth': right_answers(part, hidden, found),
-        'odds': odds, 'seen': seen, 'k': found.posterior.overdispersion,
-        'bare': found.stages[0].train, 'last': found.stages[-1].train,
-    }  # fmt: skip
+        'verdict': found.verdict,
+        'answers': answers(found.posterior),
+        'truth': right_answers(part, hidden, found),
+        'odds': odds,
+        'seen': seen,
+        'k': found.posterior.overdispersion,
+        'bare': found.stages[0].train,
+        'last': found.stages[-1].train,
+    }
 
 
 def challenge_of(hidden: Sequence[str], error: float, seed: int, forces: bool, closed: bool, pool: Executor) -> Challenge:
@@ -210,10 +215,12 @@ def odds_of_truth(made: Challenge, pool: Executor) -> tuple[float | None, str | 
     laws = [(one.truth.library or UNLISTED, as_simulated(one, made.nominal)) for one in hidden]
     whole = evidence_with([law for _, law in laws], made.robot, nominal, log_prior, context)
     lacking = {NONE: evidence_of(nominal, 0.0, context)} | {
-        '+'.join(sorted(name for name, _ in some)):
-            evidence_with([law for _, law in some], made.robot, nominal, log_prior, context)
-        for count in range(1, len(laws)) for some in combinations(laws, count)
-    }  # fmt: skip
+        '+'.join(sorted(name for name, _ in some)): evidence_with(
+            [law for _, law in some], made.robot, nominal, log_prior, context
+        )
+        for count in range(1, len(laws))
+        for some in combinations(laws, count)
+    }
     k = min(one.overdispersion for one in (whole, *lacking.values()))
     best = max(lacking, key=lambda answer: lacking[answer].score(k))
     odds = whole.score(k) - lacking[best].score(k)
@@ -232,7 +239,7 @@ def evidence_with(
     laws: Iterable[Sequence[ActiveEffect]], robot: Robot, nominal: FitResult, log_prior: float, context: SearchContext
 ) -> Evidence:
     """The evidence of a model with some of the robot's laws: the better of two fits, from the robot's values and the
-    nominal fit's."""  # fmt: skip
+    nominal fit's."""
     fit, chosen = nominal, list(laws)
     for active in (one for law in chosen for one in law):
         values = {p.name: value for p, value in zip(active.found.effect.parameters, active.values, strict=True)}

@@ -39,10 +39,15 @@ DURATION, RATE = 600.0, 20.0
 FOLLOWED = 7  # findings of a change, after which a day is over
 TRUTHS = {'natural_convection': 'natural_convection', 'friction': 'joint_friction', 'gravity': 'gravity'}
 RIGHT = {
-    'fan': {'wire.lambda'}, 'natural_convection': {'natural_convection', 'wire.lambda', 'radiation'},
-    'friction': {'joint_friction'}, 'gravity': {'gravity'}, 'lost_wires': {'lost_wires'}, 'zero': {'sensor_jump'},
-    'room': {'T_E', 'ambient_drift', 'ambient_heating'}, 'nothing': set(),
-}  # fmt: skip
+    'fan': {'wire.lambda'},
+    'natural_convection': {'natural_convection', 'wire.lambda', 'radiation'},
+    'friction': {'joint_friction'},
+    'gravity': {'gravity'},
+    'lost_wires': {'lost_wires'},
+    'zero': {'sensor_jump'},
+    'room': {'T_E', 'ambient_drift', 'ambient_heating'},
+    'nothing': set(),
+}
 
 
 def main() -> None:
@@ -162,12 +167,15 @@ def judged(kind: str, findings: Sequence[LiveFinding], onset: float, shows: floa
     said = [one for one in findings if one.has_changed]
     first, last = (said[0], said[-1]) if said else (None, None)
     return {
-        'kind': kind, 'forces': forces, 'onset': onset, 'shows': None if np.isnan(shows) else shows,
+        'kind': kind,
+        'forces': forces,
+        'onset': onset,
+        'shows': None if np.isnan(shows) else shows,
         'first': None if first is None else [first.stamp / 1e9, first.findings[0].name, first.findings[0].probability],
         'last': None if last is None else [last.stamp / 1e9, last.findings[0].name, last.findings[0].probability],
         'before': sum(one.stamp / 1e9 < onset for one in said),
         'truth': {one.name: one.probability for one in last.findings if one.name in RIGHT[kind]} if last else {},
-    }  # fmt: skip
+    }
 
 
 def row(case: dict[str, Any]) -> str:

@@ -33,8 +33,12 @@ def command(begin, end, warmer=0.0):
 
 def shown(*runs):
     columns = CONFIG.structure.structure.channel_columns
-    return np.vstack([np.column_stack([run[name] if name in run.columns else np.full(len(run.time), np.nan)
-                                       for name in columns]) for run in runs])  # fmt: skip
+    return np.vstack(
+        [
+            np.column_stack([run[name] if name in run.columns else np.full(len(run.time), np.nan) for name in columns])
+            for run in runs
+        ]
+    )
 
 
 def followed(name='', amounts=None, seed=0):
@@ -69,10 +73,17 @@ def test_where_nothing_changes_nothing_is_said():
     assert 'nothing has changed' in str(found) and found.error == pytest.approx(1.0, abs=0.1)
 
 
-@pytest.mark.parametrize(('name', 'amounts'), [
-    ('gravity', {'g_y': -2.0}), ('wire.lambda', {'wire.lambda': 0.1}), ('joint_friction', {'M_c': 0.005}),
-    ('sensor_jump', {'alpha': 0.002}), ('T_E', {'T_E': 3.0}), ('lost_wires', {'part': 0.1}),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ('name', 'amounts'),
+    [
+        ('gravity', {'g_y': -2.0}),
+        ('wire.lambda', {'wire.lambda': 0.1}),
+        ('joint_friction', {'M_c': 0.005}),
+        ('sensor_jump', {'alpha': 0.002}),
+        ('T_E', {'T_E': 3.0}),
+        ('lost_wires', {'part': 0.1}),
+    ],
+)
 def test_what_begins_is_named_with_its_instant_and_size(name, amounts):
     found = followed(name, amounts).evaluate()
     best = found.findings[0]

@@ -38,11 +38,20 @@ TIED = {
 @pytest.mark.parametrize(
     ('p', 'words'),
     [
-        (1.0, 'more than 99.9 %'), (0.99901, 'more than 99.9 %'), (0.9951, '99.5 %'), (0.87, '87 %'), (0.5, '50 %'),
-        (0.034, '3 %'), (0.0099, '1 in 100'), (0.0042, '1 in 240'), (2.5e-5, '1 in 40,000'), (3.07e-8, '1 in 33,000,000'),
-        (1e-12, 'less than 1 in 1,000,000,000'), (0.0, 'less than 1 in 1,000,000,000'),
+        (1.0, 'more than 99.9 %'),
+        (0.99901, 'more than 99.9 %'),
+        (0.9951, '99.5 %'),
+        (0.87, '87 %'),
+        (0.5, '50 %'),
+        (0.034, '3 %'),
+        (0.0099, '1 in 100'),
+        (0.0042, '1 in 240'),
+        (2.5e-5, '1 in 40,000'),
+        (3.07e-8, '1 in 33,000,000'),
+        (1e-12, 'less than 1 in 1,000,000,000'),
+        (0.0, 'less than 1 in 1,000,000,000'),
     ],
-)  # fmt: skip
+)
 def test_probabilities_as_people_say_them(p, words):
     assert probability_words(p) == words
 
@@ -82,8 +91,11 @@ def test_sentences_name_the_best_the_second_and_ties():
         'These data do not decide between a lag of the driver and the equation a*dT.',
     ]
     assert [row.words for row in finding_rows(CLEAR)] == [
-        'gravity', 'a constant offset of the sensors, in U_y only', 'nothing missing', 'something that is not listed',
-    ]  # fmt: skip
+        'gravity',
+        'a constant offset of the sensors, in U_y only',
+        'nothing missing',
+        'something that is not listed',
+    ]
     assert [row.probability for row in finding_rows(CLEAR)][2:] == ['less than 1 in 1,000,000,000', '1 in 500']
     pair = {'effects': ['gravity', 'driver_lag'], 'formula': None, 'differences': ['the zero of alpha'], 'probability': 1.0}
     (row,) = model_rows({'models': [{**pair, 'error': 1.0}]})
@@ -116,10 +128,13 @@ def diagnosed(server, **more):
         (job.folder / 'result.json').write_text('{"runs": [], "noise_std": {}, "notes": [], "comparisons": []}')
     interval = {'value': -9.7, 'low': -9.9, 'high': -9.5, 'unit': 'm/s^2', 'seen': True}
     found = {
-        'verdict': 'missing_effect', 'model': 'mas', 'effects': ['gravity'], 'ranking': [],
+        'verdict': 'missing_effect',
+        'model': 'mas',
+        'effects': ['gravity'],
+        'ranking': [],
         'error': [{'effects': ['gravity'], 'train': 1.0, 'held_out': 1.01}],
         'intervals': {'effects.gravity.g_y': interval, 'wire.lambda': {**interval, 'value': 451.0, 'unit': 'W/(m^2 K)'}},
-    }  # fmt: skip
+    }
     (job.folder / 'result.json').write_text(json.dumps(found | more))
     (job.folder / 'summary.txt').write_text('Your model lacks gravity.\nmore\n')
 

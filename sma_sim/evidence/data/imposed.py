@@ -61,9 +61,10 @@ def fewest_corners(values: Vector) -> tuple[Vector, int]:
     while True:
         line = polyline(values, corners)
         halved = [
-            (first + last) // 2 for first, last in zip(corners[:-1], corners[1:], strict=True)
+            (first + last) // 2
+            for first, last in zip(corners[:-1], corners[1:], strict=True)
             if not is_noise((values - line)[first : last + 1])
-        ]  # fmt: skip
+        ]
         if not halved:
             return line, len(corners)
         corners = np.union1d(corners, halved)

@@ -26,9 +26,7 @@ from sma_sim.model.structures.discovery import known_structures
 
 NEGLIGIBLE_FRACTION = 1e-4  # of what a channel spans: smaller noise is below the error of any model
 # [SI] for channels whose samples are too few or all the same: what common sensors have.
-ASSUMED_NOISE = {
-    'U_x': 1e-6, 'U_y': 1e-6, 'alpha': 1e-4, 'stress': 1e5, 'T': 0.1, 'strain': 1e-5,
-}  # fmt: skip
+ASSUMED_NOISE = {'U_x': 1e-6, 'U_y': 1e-6, 'alpha': 1e-4, 'stress': 1e5, 'T': 0.1, 'strain': 1e-5}
 RESPONDING = ('strain',)  # channels of quasi-static tests that follow the temperature
 # Of other channels, by the unit in their columns' names.
 ASSUMED_NOISE_IN = {'m': 1e-5, 'rad': 1e-4, 'N': 0.01, 'K': 0.1, 'ohm': 1e-3}

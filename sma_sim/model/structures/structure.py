@@ -28,8 +28,13 @@ CONTROL, TEMPERATURE = 'bench.control', 'bench.temperature'  # options
 BALANCE: Mapping[str, str] = MappingProxyType({TEMPERATURE: 'balance'})
 TEMPERATURE_OF_WIRE = re.compile(r'T_\d+_K')
 CHECK_PAGE = 'docs/reference/model-check.md'
-CHANNEL_NOISE = {'F': (0.05, 'N'), 'T': (1.0, 'K'), 'stress': (1e6, 'Pa'), 'strain': (1e-5, '-'),
-                 'R': (0.01, 'ohm')}  # fmt: skip # usual sensors
+CHANNEL_NOISE = {  # of usual sensors
+    'F': (0.05, 'N'),
+    'T': (1.0, 'K'),
+    'stress': (1e6, 'Pa'),
+    'strain': (1e-5, '-'),
+    'R': (0.01, 'ohm'),
+}
 NOISE_PART = 1e-2  # of the noise of a coordinate in its usual change
 WIRE_STATES = (('x_M', ''), ('mode', ''), ('T', '_K'))  # of every wire, sampled after the sensor channels; with their unit
 MAX_WIRES = 29  # whose part in the flow is told by bits of one number (model.system)

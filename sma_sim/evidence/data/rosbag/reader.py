@@ -229,7 +229,7 @@ def stamps_at(logs: Sequence[Times], known_log: Times, known_stamp: Times) -> tu
 
     A line through the pairs, and the median of what the pairs around deviate from it by: a late message moves nothing, and
     the map follows a clock that stops or changes its rate.
-    """  # fmt: skip
+    """
     log_zero, stamp_zero = known_log[0], known_stamp[0]
     log, stamp = known_log - log_zero, (known_stamp - stamp_zero).astype(float)
     half = len(log) // 2
