@@ -19,8 +19,8 @@ from cases import add_options, drawn, solved
 
 from sma_sim import Config, Dataset, read_config
 from sma_sim.evidence.data.recordings import read_dataset
+from sma_sim.evidence.diagnosis.conclusion import ModelStage
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis, diagnose
-from sma_sim.evidence.diagnosis.model_stage import ModelStage
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 
 MAPS = Path(__file__).parent.parent / 'examples' / 'maps'

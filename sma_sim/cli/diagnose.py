@@ -27,7 +27,6 @@ from sma_sim.cli.common.options import add_config_options, announce_first_compil
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis, diagnose
-from sma_sim.evidence.diagnosis.follow_up import confounded
 from sma_sim.evidence.diagnosis.review import reviewed
 from sma_sim.evidence.estimation.calibrate import FitOptions
 from sma_sim.evidence.estimation.interruption import stoppable
@@ -38,7 +37,7 @@ from sma_sim.model.given import effect_folders_of
 from sma_sim.report.html.diagnosis_page import write_diagnosis_page
 from sma_sim.words.diagnosis_data import as_data
 from sma_sim.words.diagnosis_text import as_text
-from sma_sim.workflow.diagnosis import command_between, write_improved
+from sma_sim.workflow.diagnosis import command_between, confounded, write_improved
 
 
 def add_parser(verbs: Any) -> None:

@@ -174,7 +174,7 @@ WRITE_LINES = {
     'diagnose': f'write_improved(file, found, {FOLDERS})',
 }
 IMPORTS = (
-    'from sma_sim.evidence.estimation.starting_values import started_from_curves',
+    'from sma_sim.evidence.estimation.curve_features import started_from_curves',
     'from sma_sim.evidence.residual_analysis.compare import compare',
     'from sma_sim.evidence.residual_analysis.summary import summarize',
     'from sma_sim.words.comparison import comparison_result',

@@ -15,7 +15,6 @@ from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.diagnose import diagnose
-from sma_sim.evidence.diagnosis.follow_up import confounded
 from sma_sim.evidence.diagnosis.review import reviewed
 from sma_sim.evidence.estimation.calibrate import FitOptions, calibrate
 from sma_sim.evidence.estimation.executors import executor_or_threads
@@ -44,7 +43,7 @@ from sma_sim.workflow.candidates import candidate_effects
 from sma_sim.workflow.check import data_check
 from sma_sim.workflow.code_folders import folders_from
 from sma_sim.workflow.data_request import DataRequest
-from sma_sim.workflow.diagnosis import command_between, write_improved
+from sma_sim.workflow.diagnosis import command_between, confounded, write_improved
 from sma_sim.workflow.fit import reviewed_fit, write_fitted
 
 

@@ -8,8 +8,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from sma_sim.evidence.diagnosis.conclusion import ModelStage
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
-from sma_sim.evidence.diagnosis.model_stage import ModelStage
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
 from sma_sim.evidence.estimation.uncertainty import AmbientDifference
 from sma_sim.evidence.model_selection.candidates import other_form

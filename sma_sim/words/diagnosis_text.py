@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
-from sma_sim.evidence.diagnosis.conclusion import HeldOutVerdict
+from sma_sim.evidence.diagnosis.conclusion import HeldOutVerdict, ModelStage
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
-from sma_sim.evidence.diagnosis.model_stage import ModelStage
 from sma_sim.evidence.estimation.run_estimates import disagreement
 from sma_sim.evidence.estimation.uncertainty import AmbientDifference, Interval
 from sma_sim.evidence.model_selection.candidates import unrealistic

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from sma_sim.evidence.diagnosis.conclusion import ModelStage
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
-from sma_sim.evidence.diagnosis.model_stage import ModelStage
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.search.equations import FormulaFit, Proposal

@@ -6,9 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from sma_sim.evidence.estimation.plateau_stresses import IsothermalTest
-from sma_sim.evidence.estimation.starting_values import CurveFeatures
-from sma_sim.evidence.estimation.transformation_temperatures import TEMPERATURES, IsobaricTest
+from sma_sim.evidence.estimation.curve_features import TEMPERATURES, CurveFeatures, IsobaricTest, IsothermalTest
 from sma_sim.evidence.residual_analysis.wire_tests import Characterization, EvaluatedTest
 
 

@@ -31,6 +31,21 @@ def write_improved(path: Path, found: Diagnosis, folders: Sequence[str]) -> Path
     return written
 
 
+def confounded(found: Diagnosis) -> tuple[str, ...]:
+    """Explanations as `next --between` takes them, the accepted one first; empty where nothing is confounded.
+
+    They are those of the last effect that others explain as well: what was there beside it is part of each.
+    """
+    if not found.calibration.config.structure.structure.has_one_command or not found.selection_steps:
+        return ()
+    given = len(found.selection_steps[0].base.effects)
+    for step in reversed(found.deciding_steps):
+        if step.accepted is not None and step.accepted.indistinguishable:
+            before = step.base.effects[given:]
+            return tuple('+'.join((*before, name)) for name in (step.accepted.name, *step.accepted.indistinguishable))
+    return ()
+
+
 def command_between(rivals: Sequence[str], data: Sequence[Path], options: Sequence[str]) -> str:
     """The command that designs an experiment between explanations, on data and with further options."""
     return shlex.join(['sma-sim', 'next', *map(str, data), '--between', *rivals, *options, '-o', 'next.csv'])

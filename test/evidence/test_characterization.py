@@ -10,9 +10,8 @@ import yaml
 from sma_sim import Config, Dataset, Input, Model, Recording, UserError, read_config, read_dataset, simulate, wire_input
 from sma_sim.cli.main import main
 from sma_sim.evidence.estimation.calibrate import FitOptions, calibrate
-from sma_sim.evidence.estimation.plateau_stresses import isothermal_features
+from sma_sim.evidence.estimation.curve_features import CurveFeatures, isothermal_features, median_slope, starting_values
 from sma_sim.evidence.estimation.prepared_fit import started_from_curves
-from sma_sim.evidence.estimation.starting_values import CurveFeatures, median_slope, starting_values
 from sma_sim.evidence.residual_analysis.compare import compare
 from sma_sim.evidence.residual_analysis.wire_tests import characterization
 

@@ -7,24 +7,24 @@ import pytest
 
 from sma_sim import Config, Recording, wire_input
 from sma_sim.evidence.data.quasi_static import both_ways, smoothed_way
-from sma_sim.evidence.estimation.paper_calibration import FURTHER_NAMES, Loop, moved_to, summary, temperature
-from sma_sim.evidence.estimation.plateau_stresses import IsothermalTest, isothermal_features, isothermal_test
-from sma_sim.evidence.estimation.starting_values import (
+from sma_sim.evidence.estimation.curve_features import (
     MARTENSITE_OVER_AUSTENITE,
     USUAL_SLOPE,
     CurveFeatures,
-    austenite_modulus,
-    median_slope,
-    starting_values,
-)
-from sma_sim.evidence.estimation.transformation_temperatures import (
     IsobaricTest,
+    IsothermalTest,
     Tangents,
+    austenite_modulus,
     crossing,
     isobaric_features,
     isobaric_tests,
+    isothermal_features,
+    isothermal_test,
+    median_slope,
+    starting_values,
     tangents,
 )
+from sma_sim.evidence.estimation.paper_calibration import FURTHER_NAMES, Loop, moved_to, summary, temperature
 from sma_sim.model.structures.discovery import known_structures
 from sma_sim.words.wire_tests import plateaus_as_text
 from sma_sim.words.wire_tests import tests_as_text as isobaric_as_text

@@ -7,7 +7,7 @@ from test_curve_features import COLD, COOLING, HEATING, HOT, way
 
 from sma_sim import FitOptions, Input, Model, calibrate, compare, read_config, read_dataset, simulate
 from sma_sim.evidence.data.quasi_static import cycles, turning_rows
-from sma_sim.evidence.estimation.transformation_temperatures import isobaric_features
+from sma_sim.evidence.estimation.curve_features import isobaric_features
 from sma_sim.evidence.residual_analysis.wire_tests import characterization
 from sma_sim.report.html.characterization import characterization_section
 from sma_sim.report.html.page import Grid, Table

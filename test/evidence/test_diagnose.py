@@ -20,8 +20,7 @@ from sma_sim.evidence.data.recordings import read_dataset
 from sma_sim.evidence.data.tables import write_columns
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.diagnose import diagnose
-from sma_sim.evidence.diagnosis.review import reviewed
-from sma_sim.evidence.diagnosis.stage_change import stage_change
+from sma_sim.evidence.diagnosis.review import reviewed, stage_change
 from sma_sim.evidence.estimation import problem as problem_module
 from sma_sim.evidence.estimation.calibrate import FitOptions, final_fit
 from sma_sim.evidence.estimation.search_context import SearchContext

@@ -12,7 +12,7 @@ from test_recordings_in_fits import module_run
 from test_recordings_in_fits import problem_of as module_problem
 
 from sma_sim import FitOptions, calibrate
-from sma_sim.evidence.diagnosis import model_stage
+from sma_sim.evidence.diagnosis import conclusion
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, free_parameter
 from sma_sim.evidence.estimation.held_out_prediction import RunFit
@@ -168,11 +168,11 @@ def test_a_diagnosis_and_a_fit_of_the_same_effects_take_the_same_minimum(monkeyp
     problem, costs = replace(module_problem(), nominal_effects=()), []
     found = FitResult(problem, np.zeros(len(problem.unknowns)), 100.0)
     monkeypatch.setattr(FitResult, 'effects', property(lambda _: ('gravity',)))
-    monkeypatch.setattr(model_stage, 'overdispersion', lambda *_: 10.0)
-    monkeypatch.setattr(model_stage, 'refit', lambda given, z, *_: FitResult(given, z + 0.5, costs[-1]))
+    monkeypatch.setattr(conclusion, 'overdispersion', lambda *_: 10.0)
+    monkeypatch.setattr(conclusion, 'refit', lambda given, z, *_: FitResult(given, z + 0.5, costs[-1]))
     for cost, taken, kept in ((60.0, 0.5, 0.0), (160.0, 0.0, 0.5)):
         costs.append(cost)
-        best = model_stage.from_defaults_too(found, SearchContext(None, Event()))
+        best = conclusion.from_defaults_too(found, SearchContext(None, Event()))
         (other,) = best.other_starts
         assert best.z[0] == taken and best.cost == min(cost, 100.0)
         assert other.values['wire.E_A'] == problem.free[0].value(kept) and not other.same

@@ -6,7 +6,7 @@ from isobaric_runs import BENCH, isobaric_tests
 
 from sma_sim import read_config, read_dataset
 from sma_sim.evidence.data.imposed import without_noise
-from sma_sim.evidence.estimation.transformation_temperatures import isobaric_tests as evaluated
+from sma_sim.evidence.estimation.curve_features import isobaric_tests as evaluated
 
 ROWS = 1200
 

@@ -22,7 +22,6 @@ from sma_sim.cli.main import main
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.data.tables import write_columns
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
-from sma_sim.evidence.diagnosis.follow_up import confounded
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.experiment_design import refitted_utilities, utilities
 from sma_sim.evidence.experiment_design.criteria import DESIGN_CRITERIA
@@ -59,6 +58,7 @@ from sma_sim.evidence.experiment_design.utilities import (
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.report.html.design_page import write_design_page
 from sma_sim.words.experiment_design import channels_sentence, indistinguishable_sentences, plan_data
+from sma_sim.workflow.diagnosis import confounded
 
 POSE = ('U_x', 'U_y', 'alpha')
 SHORT = {'length': 20.0, 'hold': 0.5, 'model': 'mas', 'budget': 16}

@@ -14,6 +14,7 @@ from sma_sim.evidence.estimation import calibrate as calibration
 from sma_sim.evidence.estimation import held_out_prediction
 from sma_sim.evidence.estimation import starting_points as starts_of_fits
 from sma_sim.evidence.estimation.calibrate import FitOptions
+from sma_sim.evidence.estimation.curve_features import CurveFeatures
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.held_out_prediction import (
     INITIAL_GUESSES,
@@ -26,7 +27,6 @@ from sma_sim.evidence.estimation.prepared_fit import PreparedFit
 from sma_sim.evidence.estimation.run_subset import MAX_SUBSET_RUNS, from_subset, run_subset, subset_indices, to_subset
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.starting_points import StartingPoint
-from sma_sim.evidence.estimation.starting_values import CurveFeatures
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS, WEAKLY_DAMPED
 
 

@@ -8,8 +8,8 @@ import pytest
 
 from sma_sim import FitOptions, Input, Model, UserError, calibrate, diagnose, read_config, read_dataset, simulate
 from sma_sim.cli.main import main
+from sma_sim.evidence.estimation.curve_features import isobaric_tests
 from sma_sim.evidence.estimation.prepared_fit import started_from_curves
-from sma_sim.evidence.estimation.transformation_temperatures import isobaric_tests
 from sma_sim.model.material import latent_heat
 
 EXAMPLE = Path(__file__).resolve().parents[2] / 'examples' / 'real' / 'isobaric'

@@ -13,10 +13,10 @@ from sma_sim.cli.common.commands import add_kinetics, print_notes
 from sma_sim.cli.common.options import add_namespace_option
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.tables import check_writable
+from sma_sim.evidence.estimation.curve_features import CurveFeatures, curve_features
 from sma_sim.evidence.estimation.executors import dask_executor, executor_or_threads
 from sma_sim.evidence.estimation.materials import MATERIALS
 from sma_sim.evidence.estimation.prepared_fit import on_leading_bench, started_from
-from sma_sim.evidence.estimation.starting_values import CurveFeatures, curve_features
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.given import effect_folders_of

@@ -14,8 +14,14 @@ from dataclasses import dataclass, field, replace
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.train_test_split import hold_out_last, pooled
-from sma_sim.evidence.diagnosis.conclusion import HeldOutVerdict, conclusion, verdicts_by_run
-from sma_sim.evidence.diagnosis.model_stage import ModelStage, StageData, StageKind
+from sma_sim.evidence.diagnosis.conclusion import (
+    HeldOutVerdict,
+    ModelStage,
+    StageData,
+    StageKind,
+    conclusion,
+    verdicts_by_run,
+)
 from sma_sim.evidence.estimation.calibrate import Calibration, check
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.fit_result import FitResult

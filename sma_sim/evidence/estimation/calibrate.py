@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.recordings import same_options
+from sma_sim.evidence.estimation.curve_features import shown_by_curves
 from sma_sim.evidence.estimation.executors import executor_or_threads, run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
 from sma_sim.evidence.estimation.free_parameters import (
@@ -44,7 +45,6 @@ from sma_sim.evidence.estimation.run_subset import from_subset, run_subset
 from sma_sim.evidence.estimation.run_tangents import LOOSER, has_tangents
 from sma_sim.evidence.estimation.search_context import OnIteration, SearchContext, iteration_words, silent
 from sma_sim.evidence.estimation.starting_points import minimized_from, starting_points
-from sma_sim.evidence.estimation.starting_values import shown_by_curves
 from sma_sim.evidence.estimation.stop_criteria import ALL_SAMPLES, FROM_PRIORS, WEAKLY_DAMPED, StopCriteria
 from sma_sim.evidence.estimation.uncertainty import (
     Interval,

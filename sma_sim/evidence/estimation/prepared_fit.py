@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from difflib import get_close_matches
 
 from sma_sim.evidence.data.recording import Dataset
-from sma_sim.evidence.estimation.starting_values import CurveFeatures, curve_features, starting_values
+from sma_sim.evidence.estimation.curve_features import CurveFeatures, curve_features, starting_values
 from sma_sim.model.config import AUTO, MODELS, Config
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, effects_on, find_effects
 from sma_sim.model.effects.meaning import acts_on

@@ -32,8 +32,7 @@ from sma_sim.evidence.estimation.prepared_fit import prepare
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS, StopCriteria
 from sma_sim.evidence.model_selection.candidates import Candidate, candidates_for
-from sma_sim.evidence.model_selection.kinetics_choice import with_other_kinetics
-from sma_sim.evidence.model_selection.refit import at_finite_step, refit
+from sma_sim.evidence.model_selection.refit import at_finite_step, refit, with_other_kinetics
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult, screen
 from sma_sim.evidence.model_selection.variants import variants_of
 from sma_sim.evidence.search.beam import search

@@ -47,9 +47,8 @@ from sma_sim.evidence.latent_input.ranking import (
 )
 from sma_sim.evidence.latent_input.refinement import RefinedHypothesis, refine_hypotheses
 from sma_sim.evidence.latent_input.results import InputEstimate, InputFinding, LatentInputs
-from sma_sim.evidence.model_selection.kinetics_choice import with_other_kinetics
 from sma_sim.evidence.model_selection.nominal_fit import NOMINAL_STARTS, nominal_fit
-from sma_sim.evidence.model_selection.refit import refit
+from sma_sim.evidence.model_selection.refit import refit, with_other_kinetics
 from sma_sim.evidence.model_selection.tempered_likelihood import tempered_fit
 from sma_sim.evidence.search.posterior import EVEN, TIE
 from sma_sim.model.config import MODELS, Config

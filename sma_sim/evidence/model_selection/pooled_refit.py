@@ -14,13 +14,13 @@ import numpy as np
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.calibrate import FitOptions, multistart_search, problem_for
+from sma_sim.evidence.estimation.curve_features import curve_features
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.held_out_prediction import RunFit, own_unknowns, pooled_error, run_fits
 from sma_sim.evidence.estimation.levenberg_marquardt import start_point
 from sma_sim.evidence.estimation.prepared_fit import PreparedFit
 from sma_sim.evidence.estimation.problem import linearize
 from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.estimation.starting_values import curve_features
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS
 from sma_sim.evidence.estimation.uncertainty import AmbientDifference, information_of, uncertainty
 from sma_sim.evidence.model_selection.criteria import CRITERIA, fits_all

@@ -1,21 +1,24 @@
-"""Refits: a candidate effect fitted together with the model's own parameters, from what the screening found."""
+"""Fitted problems changed and fitted again: with a candidate effect, without an effect, with the other kinetics."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.free_parameters import declared_parameters, default_names, free_parameter, values_of
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize, with_early_stopping
 from sma_sim.evidence.estimation.problem import Problem
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, StopCriteria
-from sma_sim.evidence.model_selection.candidates import Candidate
+from sma_sim.evidence.model_selection.candidates import Candidate, is_plausible
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
+from sma_sim.model.effects.discovery import FoundEffect
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
@@ -47,3 +50,35 @@ def at_finite_step(candidate: Candidate, screened: ScreeningResult | None) -> Sc
         if away == 0.0 or (away * probe.step > 0.0 and abs(away) < abs(probe.step)):
             values[probe.parameter] = probe.neutral + probe.step
     return ScreeningResult(candidate, screened.gain if screened else 0.0, values)
+
+
+def is_plausible_fit(fit: FitResult, found: FoundEffect) -> bool:
+    """Whether the fitted values of an effect lie in their realistic ranges."""
+    return is_plausible(found, fit.values_of(found.effect.name))
+
+
+def without_effect(fit: FitResult, effect: str) -> tuple[Problem, Vector]:
+    """The problem without one of its effects, and the rest of z as it was."""
+    problem, prefix = fit.problem, f'effects.{effect}.'
+    kept = [k for k, p in enumerate(problem.free) if not p.name.startswith(prefix)]
+    fewer = tuple(active for active in problem.config.effects if active.found.effect.name != effect)
+    rest = np.arange(len(problem.free), len(fit.z))
+    smaller = replace(problem, config=replace(problem.config, effects=fewer), free=tuple(problem.free[k] for k in kept))
+    return smaller, fit.z[[*kept, *rest]]
+
+
+def with_other_kinetics(fit: FitResult) -> tuple[Problem, Vector]:
+    """The same problem with the other model of kinetics, and z carried over by name."""
+    problem = fit.problem
+    model = 'mas' if problem.config.simulated_kinetics == 'hybrid' else 'hybrid'
+    config = problem.config.variant(kinetics=model)
+    measured = {channel for run in problem.runs for channel in run.channels}
+    names = [*default_names(config, measured), *(p.name for p in problem.free if p.name.startswith('effects.'))]
+    known = dict(zip([p.name for p in problem.free], zip(problem.free, fit.z, strict=False), strict=True))
+    declared, values = declared_parameters(config), values_of(config)
+    free = [
+        known[name][0] if name in known else free_parameter(name, values[name], declared[name], config.priors.get(name))
+        for name in names
+    ]
+    start = [float(known[name][1]) if name in known else 0.0 for name in names]
+    return replace(problem, config=config, free=tuple(free)), np.array([*start, *fit.z[len(problem.free) :]])

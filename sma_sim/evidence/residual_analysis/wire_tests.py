@@ -9,9 +9,14 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.estimation.plateau_stresses import IsothermalTest, isothermal_features
-from sma_sim.evidence.estimation.starting_values import CurveFeatures, median_slope
-from sma_sim.evidence.estimation.transformation_temperatures import IsobaricTest, isobaric_features
+from sma_sim.evidence.estimation.curve_features import (
+    CurveFeatures,
+    IsobaricTest,
+    IsothermalTest,
+    isobaric_features,
+    isothermal_features,
+    median_slope,
+)
 from sma_sim.evidence.residual_analysis.compare import ComparedRun, Comparison
 from sma_sim.model.structures.discovery import known_structures
 

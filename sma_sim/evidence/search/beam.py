@@ -9,7 +9,7 @@ from math import inf
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.nominal_fit import report_model
-from sma_sim.evidence.model_selection.restricted import without_effect
+from sma_sim.evidence.model_selection.refit import without_effect
 from sma_sim.evidence.search import propose
 from sma_sim.evidence.search.components import Catalogue, Component, catalogue_for
 from sma_sim.evidence.search.refine import (

@@ -10,8 +10,7 @@ from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import Candidate
-from sma_sim.evidence.model_selection.refit import refit
-from sma_sim.evidence.model_selection.restricted import without_effect
+from sma_sim.evidence.model_selection.refit import refit, without_effect
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.evidence.model_selection.sketches import with_candidate
 from sma_sim.evidence.search.beam import Book

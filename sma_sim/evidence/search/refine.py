@@ -23,9 +23,7 @@ from sma_sim.evidence.estimation.residuals import FitData
 from sma_sim.evidence.estimation.run_subset import run_subset, to_subset
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, FROM_PRIORS, WEAKLY_DAMPED
-from sma_sim.evidence.model_selection.kinetics_choice import with_other_kinetics
-from sma_sim.evidence.model_selection.refit import refit
-from sma_sim.evidence.model_selection.restricted import without_effect
+from sma_sim.evidence.model_selection.refit import refit, with_other_kinetics, without_effect
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.evidence.model_selection.sketches import at_defaults, at_prior_means, sketched
 from sma_sim.evidence.search.components import Component, log_prior_of

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sma_sim.evidence.estimation.transformation_temperatures import TEMPERATURES, IsobaricTest
+from sma_sim.evidence.estimation.curve_features import TEMPERATURES, IsobaricTest
 from sma_sim.evidence.residual_analysis.wire_tests import Characterization, EvaluatedTest
 from sma_sim.model.config import Config
 from sma_sim.report.html.figures import envelope, new_figure, small

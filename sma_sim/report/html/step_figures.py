@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 
 from sma_sim.evidence.data.display_units import DISPLAY_UNITS
-from sma_sim.evidence.diagnosis.model_stage import ModelStage
-from sma_sim.evidence.diagnosis.stage_change import StageChange
+from sma_sim.evidence.diagnosis.conclusion import ModelStage
+from sma_sim.evidence.diagnosis.review import StageChange
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95
 from sma_sim.evidence.residual_analysis.compare import ComparedRun
 from sma_sim.evidence.residual_analysis.metrics import ChannelScore, error_over_noise
