@@ -7,8 +7,6 @@ import math
 
 from sma_sim import Coordinate, Parameter, Structure
 
-SOURCE = 'measured with a ruler'
-
 
 def lengths(q, p):
     """From the foot of each wire, inside the arm by `offset`, to the end of the arm [m]."""
@@ -31,13 +29,14 @@ STRUCTURE = Structure(
     forces=forces,
     inertia=lambda p: p.J,
     parameters=(
-        Parameter('a', 0.02, 'm', (1e-3, 1.0), 'half the length of the rocker', source=SOURCE),
-        Parameter('h', 0.1, 'm', (1e-3, 1.0), 'height of the pivot above the feet', source=SOURCE),
-        Parameter('offset', 2e-3, 'm', (0.0, 0.1), 'how far a foot stands inside', source=SOURCE),
-        Parameter('k', 50.0, 'N/m', (0.0, 1e5), 'stiffness of each spring', source=SOURCE),
-        Parameter('b', 1e-3, 'N m s/rad', (0.0, 1e3), 'damping of the pivot', source=SOURCE),
-        Parameter('J', 1e-5, 'kg m^2', (1e-12, 1.0), 'moment of inertia', source=SOURCE),
+        Parameter('a', 0.02, 'm', (1e-3, 1.0), 'half the length of the rocker'),
+        Parameter('h', 0.1, 'm', (1e-3, 1.0), 'height of the pivot above the feet'),
+        Parameter('offset', 2e-3, 'm', (0.0, 0.1), 'how far a foot stands inside'),
+        Parameter('k', 50.0, 'N/m', (0.0, 1e5), 'stiffness of each spring'),
+        Parameter('b', 1e-3, 'N m s/rad', (0.0, 1e3), 'damping of the pivot'),
+        Parameter('J', 1e-5, 'kg m^2', (1e-12, 1.0), 'moment of inertia'),
     ),
     fitted=('rocker.k', 'rocker.b'),
     defaults={'wire.n': 1.0},
+    source='measured with a ruler',
 )

@@ -97,9 +97,9 @@ def test_a_narrow_prior_holds_what_few_data_see():
 
 
 def test_a_value_with_a_prior_does_not_give_way_to_curves(monkeypatch):
-    monkeypatch.setattr('sma_sim.evidence.estimation.curve_features.curve_features', lambda _: [1])
+    monkeypatch.setattr('sma_sim.evidence.estimation.prepared_fit.curve_features', lambda _: [1])
     monkeypatch.setattr(
-        'sma_sim.evidence.estimation.curve_features.starting_values', lambda _: {'wire.E_A': 5e10, 'wire.E_M': 3e10}
+        'sma_sim.evidence.estimation.prepared_fit.starting_values', lambda _: {'wire.E_A': 5e10, 'wire.E_M': 3e10}
     )
     started, _ = started_from_curves(None, Config(system='wire', priors={'wire.E_A': 1e9}))
     assert started.parameters['wire.E_A'] == Config().parameters['wire.E_A'] and started.parameters['wire.E_M'] == 3e10
