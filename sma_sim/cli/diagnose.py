@@ -25,7 +25,6 @@ from sma_sim.cli.common.data import (
 )
 from sma_sim.cli.common.options import add_config_options, announce_first_compilation, config_from, folders_beside
 from sma_sim.evidence.data.recording import Dataset
-from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis, diagnose
 from sma_sim.evidence.diagnosis.review import reviewed
 from sma_sim.evidence.estimation.calibrate import FitOptions
@@ -77,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
         with chosen_executor(arguments) as executor:
             found = diagnose(training, given, held_out, request, executor, print_progress)
         print(*as_text(found), sep='\n', flush=True)  # first: a disk may be full
-        written = write_outputs(arguments, found, given, *hold_out_last(training, held_out))
+        written = write_outputs(arguments, found, given, training, held_out)
     print_written(arguments.out, written, arguments.report, arguments.json)
     return EXIT_INTERRUPTED if found.interrupted else 0
 

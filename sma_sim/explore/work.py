@@ -13,7 +13,6 @@ import numpy as np
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.tables import write_whole
-from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.diagnosis.review import reviewed
 from sma_sim.evidence.estimation.calibrate import FitOptions, calibrate
@@ -172,7 +171,7 @@ def diagnose_version(order: WorkOrder) -> bool:
         command = command_between(rivals, [], [*order.request.options(), '--config', str(order.file)]) if rivals else ''
         offered = {'next': {'between': list(rivals), 'command': command}} if rivals else {}
         write_json(order.output(RESULT), as_data(found, written) | offered)
-        review = reviewed(found, *hold_out_last(fitted, held_out), order.config())
+        review = reviewed(found, fitted, held_out, order.config())
         write_curves(order.output(CURVES), curves_of(review.remaining.comparison))
         write_diagnosis_page(order.output(REPORT), review, command, order.provenance())
     return found.interrupted

@@ -140,7 +140,7 @@ def test_the_report_has_the_model_as_it_was_given_beside_the_calibrated_one(with
     """What calibration bends is not what the user gave: both stand in figures, and in the table of parameters."""
     runs, found = with_gravity
     given = scaled(config(), wire__lambda=1.3)  # a file that is off by a third in what a calibration finds
-    review = reviewed(found, *hold_out_last(runs, None), given)
+    review = reviewed(found, runs, None, given)
     bare, errors = found.nominal, review.given_errors
     assert errors[0] > 2.0 * bare.train and np.isfinite(errors[1])
     assert review.given_values['wire.lambda'] == given.parameters['wire.lambda']
@@ -205,7 +205,7 @@ def test_an_effect_that_a_held_out_run_contradicts_is_taken_back(tmp_path):
     assert worse.effects == ('gravity',) and worse.held_out > 1.3 > bare.held_out and last.effects == ()
     assert last.held_out == pytest.approx(bare.held_out, rel=0.03)
     assert any(line.startswith('Retracted: gravity') and f'{worse.held_out:.2f} with' in line for line in as_text(found))
-    write_diagnosis_page(tmp_path / 'why.html', reviewed(found, *hold_out_last(levelled, None), config()))
+    write_diagnosis_page(tmp_path / 'why.html', reviewed(found, levelled, None, config()))
     labels = ('the same,<br>calibrated<br>(mas)', '+ gravity<br>(mas)', '- gravity<br>(mas)')
     assert (tmp_path / 'why.html').exists() and reduction_figure(found).data[0].x == labels
 
@@ -224,7 +224,7 @@ def test_a_held_out_run_beyond_what_the_fitted_ones_tell_is_no_effect(tmp_path):
     assert pooled is not None and max(pooled.train, pooled.held_out) < 1.05
     assert as_data(found)['fitted_together'] == {'train': pooled.train, 'held_out': pooled.held_out, 'ambient': {}}
     assert any(line.startswith('The held-out runs depend on parameters') for line in as_text(found))
-    write_diagnosis_page(tmp_path / 'why.html', reviewed(found, *hold_out_last(weakly_driven, None), config()))
+    write_diagnosis_page(tmp_path / 'why.html', reviewed(found, weakly_driven, None, config()))
     assert 'except in runs that one model explains together' in (tmp_path / 'why.html').read_text()
 
 

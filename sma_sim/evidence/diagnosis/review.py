@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from sma_sim.evidence.data.recording import Dataset
+from sma_sim.evidence.data.train_test_split import pooled
 from sma_sim.evidence.diagnosis.conclusion import ModelStage
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.estimation.free_parameters import values_of
@@ -52,12 +53,15 @@ class DiagnosisReview:
         return next(run for run in self.given.runs if run.name == name)
 
 
-def reviewed(diagnosis: Diagnosis, training: Dataset, held_out: Dataset | None, given: Config) -> DiagnosisReview:
+def reviewed(diagnosis: Diagnosis, dataset: Dataset, held_out: Dataset | None, given: Config) -> DiagnosisReview:
     """Evaluate a diagnosis on the recordings that it was made with, from the model as it was `given`.
 
-    Raises SimulationError and UserError.
+    `dataset`, `held_out`: as they were given to `diagnose`. Raises SimulationError and UserError.
     """
-    training, held_out = without_faults(training, held_out, diagnosis.set_up)
+    named = {recording.name: recording for recording in pooled(dataset, held_out).recordings}
+    fitted, rest = (tuple(named[name] for name in names) for names in (diagnosis.training, diagnosis.held_out))
+    other = replace(held_out or dataset, recordings=rest) if rest else None
+    training, held_out = without_faults(replace(dataset, recordings=fitted), other, diagnosis.set_up)
     as_it_is = compare(training, given, held_out, 'the model as it was given')
     training = with_differences(training, diagnosis.differences)
     held_out = held_out and with_differences(held_out, diagnosis.differences)
