@@ -158,11 +158,11 @@ def fit_options(options: Mapping[str, Any]) -> FitOptions:
 
 def diagnose_version(order: WorkOrder) -> bool:
     """As ``sma-sim diagnose``."""
-    config, fitted, held_out = order.read()
+    _, fitted, held_out = order.read()  # a diagnosis starts from curves itself, once faults of the set-up are corrected
     request = diagnosis_request(order.job.options, tuple(order.effect_folders()), order.log.model)
     with stoppable():  # also while files are written: the steps so far are to be in all of them
         with executor_or_threads(None) as executor:
-            found = diagnose(fitted, config, held_out, request, executor, order.log.progress)
+            found = diagnose(fitted, order.config(), held_out, request, executor, order.log.progress)
         text = '\n'.join(as_text(found)) + '\n'
         write_whole(order.output(SUMMARY), lambda file: file.write(text))
         out = order.output(PARAMETERS)
