@@ -27,8 +27,7 @@ from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.diagnose import diagnose
-from sma_sim.evidence.estimation.calibrate import kinetics_to_try
-from sma_sim.evidence.estimation.nuisance_effects import starting_model
+from sma_sim.evidence.estimation.prepared_fit import prepare
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fits
 from sma_sim.evidence.set_up.check import faults_after_fit, faults_before_fits, is_uncertain
@@ -114,15 +113,14 @@ def solve(name: str, effect: str, seed: int, pool: Executor, set_up_only: bool =
 def set_up_of(dataset: Dataset, nominal: Config, pool: Executor) -> tuple[Fault, ...]:
     """What a diagnosis finds to be wrong with recordings before it searches for physics."""
     request, training = DiagnosisRequest(), hold_out_last(dataset, None)[0]
-    config = starting_model(training, nominal)
-    context = SearchContext(pool, Event(), kinetics=kinetics_to_try(request.kinetics, config))
-    tried = config.variant(kinetics=context.kinetics[0])
+    start = prepare(training, nominal)
+    context = SearchContext(pool, Event(), kinetics=start.kinetics)
+    tried = start.with_kinetics(start.kinetics[0]).config
     faults = faults_before_fits(dataset, tried, request.options, context)
     if is_uncertain(faults):
         return faults
     right = corrected(dataset, faults)
-    training = hold_out_last(right, None)[0]
-    fits = nominal_fits(training, starting_model(training, nominal), request, context)
+    fits = nominal_fits(prepare(hold_out_last(right, None)[0], nominal), request.options, context)
     best = min(fits, key=lambda fit: fit.cost)
     return (*faults, *faults_after_fit(right, best, request.options, context))
 
