@@ -14,7 +14,7 @@ class Distribution(setuptools.Distribution):
         """Add the executables, where pip builds."""
         super().parse_config_files(*args, **kwargs)
         if PIP_COMMANDS & set(sys.argv):
-            programs = ('sma_module_sim', 'sma_model_check', 'sma_observer', 'sma_guard')
+            programs = ('sma_module_sim', 'sma_model_check', 'sma_observer', 'sma_guard', 'sma_controller')
             executables = [f'resource/run/{name}' for name in programs]
             self.data_files = [*(self.data_files or []), ('lib/sma_sim', executables)]
 

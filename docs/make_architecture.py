@@ -35,6 +35,7 @@ QUESTIONS = {
     'evidence/model_selection': 'What could a candidate explain, and where do fits with it begin?',
     'evidence/residual_analysis': 'Where is the error?',
     'evidence/monitoring': 'Does a running robot still follow the model?',
+    'evidence/control': 'Which command makes a running robot follow a target?',
     'evidence/state_estimation': 'How hot are the wires of a running robot? Observer and guard',
     'evidence/estimation': 'Which parameters fit, and how certain are they?',
     'evidence/data': 'What was measured? Files, units, noise',

@@ -12,6 +12,7 @@ from pathlib import Path
 from sma_sim.model.effects.discovery import find_effects
 from sma_sim.model.parameters import (
     CHECK_PARAMETERS,
+    CONTROL_PARAMETERS,
     ENVIRONMENT_PARAMETERS,
     GUARD_PARAMETERS,
     NODE_PARAMETERS,
@@ -53,6 +54,7 @@ GROUPS = (
     ('Model check', 'check', CHECK_PARAMETERS),
     ('Observer', 'observer', OBSERVER_PARAMETERS),
     ('Guard', 'guard', GUARD_PARAMETERS),
+    ('Control', 'control', CONTROL_PARAMETERS),
 )
 
 

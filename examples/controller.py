@@ -20,6 +20,7 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
+from sma_sim.evidence.control.pi import PI
 from sma_sim.ros.command_session import CommandSession
 
 JOINT = 'alpha'
@@ -32,24 +33,6 @@ PARAMETERS = {  # name: default, smallest, largest, unit, whether it can be chan
     'state_timeout': (0.5, 0.01, 1e3, 's', False),
 }
 WATCH_PERIOD, WARNING_PERIOD = 0.1, 5.0  # [s]
-
-
-class PI:
-    """Proportional and integral action with a limited output; the integral stands still while the limit holds it."""
-
-    def __init__(self, kp, ki, limit):
-        """Gains [output/error], [output/(error s)], largest output."""
-        self.kp, self.ki, self.limit = kp, ki, limit
-        self.integral = 0.0  # of the error, times ki: in units of the output
-
-    def __call__(self, error, dt):
-        """The output for an error that has lasted dt [s]."""
-        more = self.ki * error * dt
-        wanted = self.kp * error + self.integral + more
-        output = min(max(wanted, -self.limit), self.limit)
-        if output == wanted or more * wanted < 0.0:  # within the limit, or on the way back to it
-            self.integral += more
-        return output
 
 
 class AlphaController(Node):

@@ -17,8 +17,9 @@ from controller import PARAMETERS, AlphaController, run
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.parameter import Parameter
 from rclpy.task import Future
-from scipy.interpolate import BPoly
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from sma_sim.ros.joint_path import INVALID_GOAL, JointPath, RefusedError, check, seconds
 
 try:
     from control_msgs.action import FollowJointTrajectory
@@ -26,66 +27,6 @@ except ImportError:  # no wheel has it; apt install ros-$ROS_DISTRO-control-msgs
     FollowJointTrajectory = None
 
 DEFAULTS = {'goal_tolerance': 0.01, 'goal_time_tolerance': 0.0}
-INVALID_GOAL, INVALID_JOINTS, OLD_HEADER_TIMESTAMP = 'INVALID_GOAL', 'INVALID_JOINTS', 'OLD_HEADER_TIMESTAMP'
-
-
-class RefusedError(Exception):
-    """A trajectory that cannot be followed: the name of the action's error code, and why."""
-
-
-def seconds(duration):
-    """A message's duration or time in seconds."""
-    return duration.sec + 1e-9 * duration.nanosec
-
-
-def values_of(point):
-    """Angle [rad] and, where given, rate [rad/s] and acceleration [rad/s^2] of a point."""
-    return [*point.positions, *point.velocities, *point.accelerations]
-
-
-def check(trajectory, joint):
-    """Raise RefusedError for a trajectory that cannot be followed."""
-    if list(trajectory.joint_names) != [joint]:
-        raise RefusedError(INVALID_JOINTS, f'joint_names = {list(trajectory.joint_names)}: expected {[joint]}')
-    _, low, high, _, _ = PARAMETERS['alpha_target']
-    last, count = -1.0, 0
-    for number, point in enumerate(trajectory.points, 1):
-        values, time = values_of(point), seconds(point.time_from_start)
-        lengths = [len(point.positions), len(point.velocities), len(point.accelerations)]
-        if lengths not in ([1, 0, 0], [1, 1, 0], [1, 1, 1]) or count not in (0, len(values)):
-            raise RefusedError(
-                INVALID_GOAL,
-                f'point {number}: expected a position, a velocity too if all points have one, '
-                'and an acceleration too if all points have both',
-            )
-        if not all(map(math.isfinite, values)) or not low <= values[0] <= high:
-            raise RefusedError(INVALID_GOAL, f'point {number}: {values}: expected finite, {low:.4g} to {high:.4g} rad')
-        if time <= last:
-            raise RefusedError(INVALID_GOAL, f'point {number}: time_from_start = {time:g} s: expected increasing times')
-        last, count = time, len(values)
-
-
-class Path:
-    """The desired angle over time, from now on through the points of a trajectory."""
-
-    def __init__(self, trajectory, now, start):
-        """Now [s], and where the motion is now: angle, rate, acceleration. Raises RefusedError for one that has passed."""
-        t_start = seconds(trajectory.header.stamp) or now
-        points = [(t_start + seconds(point.time_from_start), values_of(point)) for point in trajectory.points]
-        points = [(time, values) for time, values in points if time >= now]
-        if not points:
-            raise RefusedError(OLD_HEADER_TIMESTAMP, f'it has ended before the last joint_states, which are of {now:.3f} s')
-        if points[0][0] > now:
-            points.insert(0, (now, start[: len(points[0][1])]))
-        self.now, (self.end, (self.last, *_)) = now, points[-1]
-        times, values = zip(*points, strict=True)
-        self.curve = BPoly.from_derivatives([time - now for time in times], values) if len(points) > 1 else None
-
-    def at(self, now):
-        """Angle [rad], rate [rad/s] and acceleration [rad/s^2] at a time [s]."""
-        if self.curve is None or now >= self.end:
-            return [self.last, 0.0, 0.0]
-        return [float(self.curve(now - self.now, nu=order)) for order in range(3)]
 
 
 class Goal:
@@ -178,10 +119,11 @@ class TrajectoryFollower(AlphaController):
 
     def path_of(self, trajectory):
         """The path of a trajectory that starts now; None for one without points. Raises RefusedError."""
-        check(trajectory, self.joint)
+        _, low, high, _, _ = PARAMETERS['alpha_target']
+        check(trajectory, self.joint, low, high)
         if self.last_stamp is None:
             raise RefusedError(INVALID_GOAL, 'no joint_states yet')
-        return Path(trajectory, self.last_stamp, self.motion()) if trajectory.points else None
+        return JointPath(trajectory, self.last_stamp, self.motion()) if trajectory.points else None
 
     def motion(self):
         """Where the desired motion is: angle [rad], rate [rad/s], acceleration [rad/s^2]."""

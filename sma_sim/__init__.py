@@ -91,7 +91,7 @@ _EXPORTS = {
     'solver.trajectory': ('Trajectory',),
     'workflow.code_folders': ('write_config',),
 }
-_MODULES = ('effects', 'guard', 'observer', 'structures')
+_MODULES = ('control', 'effects', 'guard', 'observer', 'structures')
 __all__ = sorted(name for names in _EXPORTS.values() for name in names)
 
 

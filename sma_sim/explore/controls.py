@@ -13,7 +13,7 @@ from sma_sim.model.effects.meaning import acts_on
 from sma_sim.model.parameter_file import groups_of
 from sma_sim.model.parameters import Parameter
 
-LEFT_OUT = ('node', 'check', 'observer', 'guard')  # groups that only the nodes read
+LEFT_OUT = ('node', 'check', 'observer', 'guard', 'control')  # groups that only the nodes read
 OF_MAS = ('wire.omega_x', 'wire.V_L')  # have a meaning with these kinetics only
 PREFIXES = {-9: 'n', -6: 'µ', -3: 'm', 3: 'k', 6: 'M', 9: 'G'}
 PREFIXED = ('Pa', 'W', 'N', 'm', 'V', 's')  # units that take a prefix where they come first, with the power one

@@ -17,7 +17,7 @@ from sma_sim.model.errors import UserError
 SECTION = 'ros__parameters'
 EVERY_NODE = '/**'
 MODULE = 'sma_module_sim'  # the node as which the offline commands read a file, in any namespace
-OF_OFFLINE = (MODULE, 'sma_model_check', 'sma_live_feed', 'sma_observer', 'sma_guard')
+OF_OFFLINE = (MODULE, 'sma_model_check', 'sma_live_feed', 'sma_observer', 'sma_guard', 'sma_controller')
 FLOAT = re.compile(r'[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$|[-+]?\.(inf|Inf|INF)$|\.(nan|NaN|NAN)$')
 INTEGER = re.compile(r'[-+]?\d+$')
 TAGS = {f'tag:yaml.org,2002:{name}' for name in ('int', 'float', 'timestamp')}  # that YAML 1.1 reads in its own way

@@ -223,6 +223,23 @@ GUARD_PARAMETERS = declared_in(
     Parameter('T_std_max', 20.0, 'K', (0.1, 1e3), 'standard deviation of a temperature that is too uncertain to heat'),
     Parameter('silence', 0.1, 's', (0.005, 10.0), 'without a message for so long, robot and observer are silent'),
 )
+CONTROL_PAGE = 'docs/how-to/control-the-robot.md'
+CONTROL_PARAMETERS = (
+    Parameter('rate', 50.0, 'Hz', (1.0, 1000.0), 'commands per second', source=CONTROL_PAGE),
+    Parameter('horizon', 1.0, 's', (0.01, 1e3), 'how far a plan looks ahead', source=CONTROL_PAGE),
+    Parameter(
+        'smoothness',
+        0.003,
+        '-',
+        (1e-6, 10.0),
+        'error, as a part of the usual change, that a change of the command by what keeps a wire at guard.T_max is worth',
+        source=CONTROL_PAGE,
+    ),
+    Parameter('target', 0.0, 'rad or m', (-1e3, 1e3), 'held from the start on, with control.hold', source=CONTROL_PAGE),
+    Parameter('silence', 0.5, 's', (0.01, 1e3), 'without joint_states for so long, heating is off', source=CONTROL_PAGE),
+    Parameter('kp', 300.0, 'W/rad or W/m', (0.0, 1e9), 'proportional gain beside the feedforward', source=CONTROL_PAGE),
+    Parameter('ki', 200.0, 'W/(rad s) or W/(m s)', (0.0, 1e9), 'integral gain beside it', source=CONTROL_PAGE),
+)
 
 
 @dataclass(frozen=True)
@@ -250,6 +267,13 @@ SETTINGS: Mapping[str, Setting] = {
         ('node', Setting('publish_clock', False, 'be the source of /clock; stamps then begin at 0')),
         ('node', Setting('stamps_follow_clock', True, 'after a pause or an overrun, stamps are those of the clock again')),
         *(('check', joint_name_setting(name)) for name in ('U_x', 'U_y', 'alpha')),
+        ('control', Setting('law', 'predictive', 'predictive or feedforward')),
+        ('control', Setting('coordinate', '', 'what follows the target; empty: the last coordinate')),
+        (
+            'control',
+            Setting('hold', False, 'control.target is held from the start; else nothing is heated before a target comes'),
+        ),
+        ('control', Setting('behind_guard', False, 'commands go to sma_guard, as J_eq_requested')),
         ('guard', Setting('counters', '', 'file in which counts of interventions and cycles survive a restart')),
     )
 }
@@ -265,6 +289,7 @@ GROUPS: Mapping[str, tuple[Parameter, ...]] = {
     'check': CHECK_PARAMETERS,
     'observer': OBSERVER_PARAMETERS,
     'guard': GUARD_PARAMETERS,
+    'control': CONTROL_PARAMETERS,
 }
 DEFAULTS: Mapping[str, Parameter] = {
     f'{group}.{parameter.name}': parameter for group, members in GROUPS.items() for parameter in members

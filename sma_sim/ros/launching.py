@@ -21,6 +21,7 @@ from sma_sim.ros.command import GUARDED_TIMEOUT
 
 PACKAGE = 'sma_sim'
 EXAMPLES = {'controller': 'alpha_controller', 'trajectory_follower': 'alpha_trajectory_controller'}  # file: node
+LAWS = 'predictive', 'feedforward'  # of the controller with a model, which the package has
 ANGLE = 'alpha'  # the joint that they move
 BOOLEANS = {'true': True, '1': True, 'false': False, '0': False}
 ARGUMENTS: Mapping[str, tuple[str, str]] = {  # name: default, what it is
@@ -34,7 +35,11 @@ ARGUMENTS: Mapping[str, tuple[str, str]] = {  # name: default, what it is
     'use_sim_time': ('false', 'follow /clock'),
     'log_level': ('info', 'debug, info, warn, error or fatal'),
     'rviz': ('false', 'start RViz with a picture of the module'),
-    'controller': ('', 'Python file of a controller node, or controller or trajectory_follower of the examples'),
+    'controller': (
+        '',
+        'controller or trajectory_follower of the examples, predictive or feedforward (with a model), '
+        'or the Python file of a controller node',
+    ),
     'alpha_target': ('0.0', 'target angle of the controller [rad]'),
     'demo': ('false', 'the target is a sine; without another controller, the example controller follows it'),
     'guard': ('false', 'an observer and a guard between controller and module, with the limits guard.* of params_file'),
@@ -100,8 +105,8 @@ def module_arguments(context: LaunchContext) -> ModuleArguments:
         refuse_without_angle(text['system'])
     if controller in EXAMPLES:
         controller = share('examples', f'{controller}.py')
-    if controller and not Path(controller).is_file():
-        raise RuntimeError(f'controller: there is no file {controller}; of the examples there are {", ".join(EXAMPLES)}')
+    if controller and controller not in LAWS and not Path(controller).is_file():
+        raise RuntimeError(f'controller: there is no file {controller}; there are {", ".join((*EXAMPLES, *LAWS))}')
     return ModuleArguments(
         file,
         text['namespace'].strip('/'),
@@ -153,7 +158,9 @@ def module_actions(given: ModuleArguments) -> list[Action]:
     actions: list[Action] = [module_node(given)]
     if given.guard:
         actions += guarding_nodes(given)
-    if given.controller:
+    if given.controller in LAWS:
+        actions.append(model_controller(given))
+    elif given.controller:
         parameters: dict[str, Any] = {'alpha_target': given.alpha_target}
         if given.joint_prefix:
             parameters['joint'] = f'{given.joint_prefix}alpha'
@@ -183,13 +190,24 @@ def module_node(given: ModuleArguments) -> Node:
     return package_node('sma_module_sim', given, more)
 
 
+def model_controller(given: ModuleArguments) -> Node:
+    """The controller with a model, by the law that was asked for."""
+    words = [f'control.law:={given.controller}', f'control.target:={given.alpha_target}', 'control.hold:=true']
+    words += ['control.behind_guard:=true'] if given.guard else []
+    return package_node('sma_controller', given, [*words, *joint_names(given)])
+
+
 def guarding_nodes(given: ModuleArguments) -> list[Action]:
-    """An observer and a guard of the module, whose joints have its prefix."""
+    """An observer and a guard of the module."""
+    return [package_node(executable, given, joint_names(given)) for executable in ('sma_observer', 'sma_guard')]
+
+
+def joint_names(given: ModuleArguments) -> list[str]:
+    """What a node beside the module calls its joints, which have its prefix."""
     system = dict(given.overrides).get('system', quoted('module')).strip("'")
     found = package_structures().get(system)
     joints = found.structure.coordinate_names if found is not None and given.joint_prefix else ()
-    names = [f'check.name_{joint}:={quoted(given.joint_prefix + joint)}' for joint in joints]
-    return [package_node(executable, given, names) for executable in ('sma_observer', 'sma_guard')]
+    return [f'check.name_{joint}:={quoted(given.joint_prefix + joint)}' for joint in joints]
 
 
 def package_node(executable: str, given: ModuleArguments, more: Sequence[str]) -> Node:

@@ -24,7 +24,7 @@ PARTS = (
     'README.md',
     'LICENSE',
 )
-NODES = ('sma_module_sim', 'sma_model_check', 'sma_observer', 'sma_guard')
+NODES = ('sma_module_sim', 'sma_model_check', 'sma_observer', 'sma_guard', 'sma_controller')
 IMPOSSIBLE = ('No matching distribution found for setuptools', 'No module named pip')
 
 

@@ -13,6 +13,7 @@ ROOMS = (
     'evidence.data',
     'evidence.estimation',
     'evidence.state_estimation',
+    'evidence.control',
     'evidence.residual_analysis',
     'evidence.model_selection',
     'evidence.symbolic_regression',

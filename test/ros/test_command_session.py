@@ -26,6 +26,24 @@ PROGRAMS = {
     'play_of_wires': ([*PLAY, 'slider.csv'], Float64MultiArray, 'J'),
     'controller': (['examples/controller.py', '--ros-args', '-p', 'alpha_target:=0.05'], Float64, 'J_eq'),
     'trajectory_follower': (['examples/trajectory_follower.py', '--ros-args', '-p', 'alpha_target:=0.05'], Float64, 'J_eq'),
+    **{
+        law: (
+            [
+                '-m',
+                'sma_sim.ros.controller_main',
+                '--ros-args',
+                '-p',
+                'control.target:=0.05',
+                '-p',
+                'control.hold:=true',
+                '-p',
+                f'control.law:={law}',
+            ],
+            Float64,
+            'J_eq',
+        )
+        for law in ('predictive', 'feedforward')
+    },
     'step_response': (['examples/step_response.py'], Float64, 'J_eq'),
     'sine_target': (['examples/sine_target.py'], Float64, 'alpha_target'),
 }

@@ -141,7 +141,7 @@ def test_every_argument_is_described(environment, file):
         (['rviz:=maybe'], 'rviz:=maybe: expected true or false'),
         (['params_file:=none.yaml'], 'there is no file none.yaml'),
         (['system:=lever', 'demo:=true'], 'system:=lever has no joint alpha, which the controllers of the examples move'),
-        (['controller:=none.py'], 'there is no file none.py; of the examples there are controller, trajectory_follower'),
+        (['controller:=none.py'], 'there is no file none.py; there are controller, trajectory_follower, predictive'),
     ],
 )
 def test_wrong_arguments_start_nothing(environment, words, message):

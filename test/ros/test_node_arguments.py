@@ -14,6 +14,7 @@ NODES = {
     'sma_model_check': 'sma_sim.ros.check_main',
     'sma_observer': 'sma_sim.ros.observer_main',
     'sma_guard': 'sma_sim.ros.guard_main',
+    'sma_controller': 'sma_sim.ros.controller_main',
 }
 
 

@@ -18,6 +18,8 @@ from std_msgs.msg import Float64  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint  # noqa: E402
 
+from sma_sim.ros.joint_path import JointPath, RefusedError, check, seconds  # noqa: E402
+
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / 'examples' / 'trajectory_follower.py'
 sys.path.insert(0, str(EXAMPLE.parent))
@@ -43,7 +45,7 @@ def trajectory(*points, joint='alpha', stamp=0.0):
 
 
 def test_positions_are_joined_by_lines():
-    path = follower.Path(trajectory((2.0, 0.1), (3.0, -0.1)), 10.0, [0.02, 0.5, 7.0])
+    path = JointPath(trajectory((2.0, 0.1), (3.0, -0.1)), 10.0, [0.02, 0.5, 7.0])
     assert path.at(10.0)[0] == pytest.approx(0.02) and path.at(11.0) == pytest.approx([0.06, 0.04, 0.0])
     assert path.at(12.5)[:2] == pytest.approx([0.0, -0.2]) and path.at(13.0) == path.at(99.0) == [-0.1, 0.0, 0.0]
 
@@ -52,7 +54,7 @@ def test_positions_are_joined_by_lines():
 def test_derivatives_are_met_at_every_point(orders):
     points = [(1.0, 0.1, 0.05, -0.2), (2.5, -0.05, 0.02, 0.3), (4.0, 0.0, 0.0, 0.0)]
     start = [0.03, -0.04, 0.6]
-    path = follower.Path(trajectory(*(point[: 1 + orders] for point in points)), 5.0, start)
+    path = JointPath(trajectory(*(point[: 1 + orders] for point in points)), 5.0, start)
     assert path.at(5.0)[:orders] == pytest.approx(start[:orders])
     for time, *values in points[:-1]:
         for side in (-1e-9, 1e-9):
@@ -60,14 +62,14 @@ def test_derivatives_are_met_at_every_point(orders):
 
 
 def test_a_stamp_says_when_the_times_start():
-    late = follower.Path(trajectory((1.0, 0.1), stamp=12.0), 10.0, [0.0, 0.0, 0.0])
+    late = JointPath(trajectory((1.0, 0.1), stamp=12.0), 10.0, [0.0, 0.0, 0.0])
     assert late.end == 13.0 and late.at(11.5)[0] == pytest.approx(0.05)
-    late_start = follower.Path(trajectory((1.0, 0.3), (4.0, 0.1), stamp=8.0), 10.0, [0.0, 0.0, 0.0])
+    late_start = JointPath(trajectory((1.0, 0.3), (4.0, 0.1), stamp=8.0), 10.0, [0.0, 0.0, 0.0])
     assert late_start.end == 12.0 and late_start.at(11.0)[0] == pytest.approx(0.05)  # what is in the past is left out
-    with pytest.raises(follower.RefusedError) as refused:
-        follower.Path(trajectory((1.0, 0.1), stamp=3.0), 10.0, [0.0, 0.0, 0.0])
+    with pytest.raises(RefusedError) as refused:
+        JointPath(trajectory((1.0, 0.1), stamp=3.0), 10.0, [0.0, 0.0, 0.0])
     assert refused.value.args[0] == 'OLD_HEADER_TIMESTAMP'
-    assert follower.Path(trajectory((0.0, 0.1)), 10.0, [0.0, 0.0, 0.0]).at(10.0) == [0.1, 0.0, 0.0]
+    assert JointPath(trajectory((0.0, 0.1)), 10.0, [0.0, 0.0, 0.0]).at(10.0) == [0.1, 0.0, 0.0]
 
 
 @pytest.mark.parametrize(
@@ -78,12 +80,12 @@ def test_a_stamp_says_when_the_times_start():
         (trajectory((1.0, 0.1, 0.0), (2.0, 0.2)), 'INVALID_GOAL', 'point 2: expected a position'),
         (trajectory((1.0,)), 'INVALID_GOAL', 'point 1: expected a position'),
         (trajectory((1.0, math.nan)), 'INVALID_GOAL', 'point 1: [nan]: expected finite'),
-        (trajectory((1.0, 4.0)), 'INVALID_GOAL', '-3.142 to 3.142 rad'),
+        (trajectory((1.0, 4.0)), 'INVALID_GOAL', '-3.142 to 3.142'),
     ],
 )
 def test_what_cannot_be_followed_is_refused(message, code, words):
-    with pytest.raises(follower.RefusedError) as refused:
-        follower.check(message, 'alpha')
+    with pytest.raises(RefusedError) as refused:
+        check(message, 'alpha', -math.pi, math.pi)
     assert refused.value.args[0] == code and words in refused.value.args[1]
 
 
@@ -107,7 +109,7 @@ class Followed(ros_client.Simulation):
 
     @property
     def now(self):
-        return follower.seconds(self.seen['joint_states'][-1].header.stamp)
+        return seconds(self.seen['joint_states'][-1].header.stamp)
 
     def wait(self, time):
         """Let simulated time [s] pass."""

@@ -1,4 +1,4 @@
-"""What an observer says of the wires at one time."""
+"""What an observer says of a robot at one time: of its wires, and where a model of it goes on from."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from sma_sim.solver.integrate import Run
+from sma_sim.solver.model import Model
 
 Vector = NDArray[np.float64]
 
@@ -64,3 +67,35 @@ class Estimate:
     def stress_std(self) -> Vector:
         """Standard deviations of the stresses (wires,) [Pa]."""
         return self.std[2 * len(self.T) :]
+
+
+@dataclass(frozen=True)
+class RobotState:
+    """Where a prediction of a robot begins.
+
+    Attributes
+    ----------
+    time : float
+        When [s].
+    model : Model
+        The model that is predicted with.
+    run : Run
+        Its state, which is not to be changed.
+    gains : array
+        (wires,): so many times the commanded heating reaches each wire.
+    T_E : float
+        Ambient temperature [K].
+    offsets : array
+        (channels,): what the robot shows more than the model (SI).
+    T_std, stress_std : array
+        (wires,): standard deviations of temperatures [K] and stresses [Pa].
+    """
+
+    time: float
+    model: Model
+    run: Run
+    gains: Vector
+    T_E: float
+    offsets: Vector
+    T_std: Vector
+    stress_std: Vector

@@ -32,10 +32,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.state_estimation.estimate import Estimate
+from sma_sim.evidence.state_estimation.estimate import Estimate, RobotState
 from sma_sim.evidence.state_estimation.invariants import InvariantCoordinates
 from sma_sim.evidence.state_estimation.uncertain import (
     channel_discrepancies,
+    configured,
     models_about,
     prior_correlation,
     uncertain_parameters,
@@ -47,6 +48,7 @@ from sma_sim.model.expected import expect
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.system import commanded_heating
 from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS, Run
+from sma_sim.solver.model import Model
 from sma_sim.solver.propagation import DELTA, FRACTION_SCALE, Propagation, run_at_rest
 from sma_sim.solver.simulate import SimulationError, copy_of_run
 
@@ -167,6 +169,25 @@ class Observer:
         if self._estimate is None:
             self._estimate = self._estimate_of(self._beliefs[-1])
         return self._estimate
+
+    @property
+    def state(self) -> RobotState:
+        """Where a prediction begins: at `time`, with the parameters that are estimated.
+
+        Raises UserError before the first message.
+        """
+        estimate, belief, at = self.estimate, self._beliefs[-1], self._at
+        run, mean, _ = self._run_from_estimate(belief)
+        return RobotState(
+            belief.time,
+            Model(configured(self.config, self._free, mean[at.parameters])),
+            run,
+            np.maximum(1.0 + mean[at.heating], 0.0),
+            belief.T_E + float(mean[at.T_E]),
+            mean[at.count :],
+            estimate.T_std,
+            estimate.stress_std,
+        )
 
     def predict(self, time: float, J_eq: float | Sequence[float] | None = None, T_E: float | None = None) -> Estimate:
         """The wires at `time` [s] without a new measurement; the rest as for `update`."""
@@ -428,12 +449,20 @@ class Observer:
         """The same belief about a run that starts from the estimate."""
         at, before = self._at, belief.reference
         lasted = min(LONGER * (before.until - before.since), LONGEST_RUN)
+        run, mean, covariance = self._run_from_estimate(belief)
+        reference = self._reference(mean[at.parameters.start : at.count].copy(), belief.time, belief.time + lasted)
+        mean[: at.parameters.start] = 0.0
+        return belief._replace(reference=reference, run=run, mean=mean, covariance=0.5 * (covariance + covariance.T))
+
+    def _run_from_estimate(self, belief: Belief) -> tuple[Run, Vector, Matrix]:
+        """A run that is where the estimate says, and mean and covariance about it."""
+        at, before = self._at, belief.reference
         run, p, scales = (
             copy_of_run(before.propagation.model, belief.run),
             before.propagation.model.compiled,
             before.propagation.scales,
         )
-        state, mean = run.state, belief.mean.copy()
+        state = run.state
         about = np.zeros(self._size)
         about[at.states], about[at.fractions] = state.y / scales, state.x_frozen / FRACTION_SCALE
         about[at.parameters.start : at.count] = before.extra
@@ -447,9 +476,7 @@ class Observer:
             state.y[fractions] = np.clip(state.y[fractions], 0.0, 1.0)
         else:
             state.x_frozen[:] = np.clip(FRACTION_SCALE * mean[at.fractions], 0.0, 1.0)
-        reference = self._reference(mean[at.parameters.start : at.count].copy(), belief.time, belief.time + lasted)
-        mean[: at.parameters.start] = 0.0
-        return belief._replace(reference=reference, run=run, mean=mean, covariance=0.5 * (covariance + covariance.T))
+        return run, mean, covariance
 
     def _estimate_of(self, belief: Belief) -> Estimate:
         sample, derivatives = self._seen(belief)

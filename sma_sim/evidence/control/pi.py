@@ -1,0 +1,28 @@
+"""Proportional and integral action: the usual controller, alone or beside a feedforward."""
+
+from __future__ import annotations
+
+
+class PI:
+    """Proportional and integral action with a limited output; the integral stands still while the limit holds it.
+
+    Parameters
+    ----------
+    kp, ki : float
+        Gains [output/error], [output/(error s)].
+    limit : float
+        Largest output.
+    """
+
+    def __init__(self, kp: float, ki: float, limit: float) -> None:
+        self.kp, self.ki, self.limit = kp, ki, limit
+        self.integral = 0.0  # of the error, times ki: in units of the output
+
+    def __call__(self, error: float, dt: float, feedforward: float = 0.0) -> float:
+        """The output for an error that has lasted dt [s], beside what a feedforward asks for."""
+        more = self.ki * error * dt
+        wanted = feedforward + self.kp * error + self.integral + more
+        output = min(max(wanted, -self.limit), self.limit)
+        if output == wanted or more * wanted < 0.0:  # within the limit, or on the way back to it
+            self.integral += more
+        return output

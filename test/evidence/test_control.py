@@ -1,0 +1,160 @@
+"""Controllers with a model: the inversion against its closed form, limits, what a better model is worth."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import lsq_linear
+
+from sma_sim import Config, Model, UserError, effects
+from sma_sim.control import PI, Feedforward, FeedforwardPI, PredictiveController
+from sma_sim.evidence.control.least_squares import constrained_least_squares
+from sma_sim.model.material import fraction_at_stress, heat_capacity, latent_heat
+from sma_sim.solver.fixed_rate import FixedRateRun
+
+RATE, T_E = 50.0, 298.0  # [Hz], [K]
+DEGREE = np.pi / 180.0
+
+
+def wave(times):
+    """Two sines [rad]; both bundles have to contract and to cool."""
+    return DEGREE * (1.0 - np.exp(-times)) * (2.5 * np.sin(times / 2.0) + 1.5 * np.sin(times / 1.2))
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(0, 10_000))
+def test_constrained_least_squares_is_that_of_another_method_within_bounds(seed):
+    random = np.random.default_rng(seed)
+    A, b = random.standard_normal((9, 4)), random.standard_normal(9)
+    low, high = np.sort(random.standard_normal((2, 4)), axis=0)
+    x = constrained_least_squares(A, b, np.vstack([np.eye(4), -np.eye(4)]), np.concatenate([high, -low]))
+    assert x == pytest.approx(lsq_linear(A, b, (low, high)).x, abs=1e-6)
+
+
+def test_what_cannot_be_kept_is_told():
+    A, b = np.eye(2), np.ones(2)
+    assert constrained_least_squares(A, b, np.array([[1.0, 0.0], [-1.0, 0.0]]), np.array([-1.0, -1.0])) is None
+    assert constrained_least_squares(A, b, np.array([[1.0, 1.0]]), np.array([1.0])) == pytest.approx([0.5, 0.5])
+    assert constrained_least_squares(A, b, np.array([[0.0, 0.0]]), np.array([-1.0])) == pytest.approx([1.0, 1.0])
+
+
+def closed_form_power(x, v, model, dt):
+    """J [W] of a slider's wire that transforms to austenite, at the middles of the steps of its positions x (k,) [m].
+
+    Spring and damping give the force, this the stress, which is sigma_M(T); length and stress give x_M; J is what is left
+    of the heat balance.
+    """
+    w, p = model.wire, model.constants
+    sigma = (p.k * (x + p.x_0) + p.b * v + p.m * p.g * np.sin(p.incline)) / (w.n * w.section)
+    T = w.T0 + (sigma + 0.5 * w.dsigma - w.sigma_MW0) / w.sigma_T
+    eps = (p.L - x) / w.l0 - 1.0
+    x_M = np.array([fraction_at_stress(*one, w) for one in zip(eps, sigma, strict=True)])
+    middle = [0.5 * (one[1:] + one[:-1]) for one in (T, sigma, x_M)]
+    stored = [
+        heat_capacity(T_k, x_k, w) * rate_T - latent_heat(T_k, sigma_k, w) * rate_x
+        for T_k, sigma_k, x_k, rate_T, rate_x in zip(*middle, np.diff(T) / dt, np.diff(x_M) / dt, strict=True)
+    ]
+    return w.n * (np.array(stored) + w.lambda_ * w.surface * (middle[0] - T_E)), x_M
+
+
+def test_power_is_that_of_the_closed_form_while_a_wire_contracts():
+    config = Config({'control.horizon': 0.6}, system='slider')
+    feedforward = Feedforward(config)
+    model = feedforward.model
+    start = feedforward.value
+
+    def target(times):
+        return start + 4e-4 * np.clip(times - 1.0, 0.0, 4.0) ** 2 / 4.0
+
+    J = np.array([feedforward.step(target) for _ in range(250)])
+    t = np.arange(250) / RATE
+    x, v = target(t), np.gradient(target(t), t)
+    expected, x_M = closed_form_power(x, v, model, 1.0 / RATE)
+    moving = slice(150, 240)
+    assert ((x_M > 0.05) & (x_M < 0.95))[moving].all()
+    assert J[:-1][moving] == pytest.approx(expected[moving], rel=0.03)
+
+
+def test_model_follows_where_wires_can():
+    feedforward, errors, J = Feedforward(Config()), [], []
+    for _ in range(400):
+        errors.append(feedforward.value - wave(np.array([feedforward.time]))[0])
+        J.append(feedforward.step(wave))
+    assert np.sqrt(np.mean(np.square(errors))) < 0.1 * DEGREE
+    assert max(np.abs(J)) <= 30.0 and min(J) < 0.0 < max(J)
+
+
+def test_no_wire_cools_faster_than_its_surroundings_let_it():
+    """A slider with one wire goes back at once: nothing is heated, and the rest is physics."""
+    feedforward = Feedforward(Config(system='slider'))
+    start, J = feedforward.value, []
+    for _ in range(200):
+        J.append(feedforward.step(lambda times: start + 2e-3 * (times < 3.0)))
+    assert min(J) >= 0.0 and max(J[:150]) > 0.1
+    assert J[145] == pytest.approx(0.0, abs=1e-3)  # it is left to cool before the target turns
+    assert max(J[150:170]) == pytest.approx(0.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(('name', 'limit'), [('guard.T_max', 335.0), ('guard.stress_max', 1.3e8), ('node.J_max', 4.0)])
+def test_limits_are_kept_by_the_model(name, limit):
+    feedforward, seen = Feedforward(Config({name: limit})), []
+    for _ in range(250):
+        J = feedforward.step(lambda times: 8.0 * DEGREE * np.minimum(times, 1.0))
+        T, stress = feedforward.temperatures.max(), feedforward.stresses.max()
+        seen.append({'guard.T_max': T, 'guard.stress_max': stress, 'node.J_max': abs(J)}[name])
+    assert 0.97 * limit < max(seen) < 1.003 * limit
+
+
+def followed(controller, robot, steps=400, seed=0):
+    """RMSE [rad] of a robot under a controller, with noise of its sensors; its hottest wire [K]."""
+    random, run = np.random.default_rng(seed), FixedRateRun(robot, RATE, np.array([0.0, T_E]))
+    noise, errors, T = {'U_x': 2e-6, 'U_y': 1e-5, 'alpha': 3.5e-4}, [], []
+    p = robot.compiled
+    for k in range(steps):
+        t = k / RATE
+        seen = {name: run.shown(name) + std * random.standard_normal() for name, std in noise.items()}
+        J = controller.step(t, seen, wave)
+        controller.observe(t, J)
+        errors.append(run.shown('alpha') - wave(np.array([t]))[0])
+        T.append(run.run.state.y[p.first_T : p.first_T + 2].max())
+        run.step(np.array([J, T_E]))
+    return float(np.sqrt(np.mean(np.square(errors)))), max(T)
+
+
+class PIAlone:
+    """The PI controller of the examples, with their gains."""
+
+    def __init__(self):
+        self.law = PI(1000.0, 800.0, 30.0)
+
+    def step(self, time, measurements, target):
+        return self.law(float(target(np.array([time]))[0]) - measurements['alpha'], 1.0 / RATE)
+
+    def observe(self, time, J_eq):
+        pass
+
+
+def test_a_better_model_is_seen_in_the_tracking_error():
+    """A robot with MAS kinetics and other parameters, whose weight the nominal model leaves out."""
+    config = Config()
+    off = {
+        name: config.parameters[f'wire.{name}'] * factor
+        for name, factor in (('sigma_MW0', 1.07), ('lambda', 0.9), ('eps_T', 1.05), ('sigma_T', 0.93))
+    }
+    values, weight = {f'wire.{name}': value for name, value in off.items()}, [effects.gravity(g_y=-9.81)]
+    robot, improved = Model(Config(values, kinetics='mas', effects=weight)), Config(values, effects=weight)
+    alone = followed(PIAlone(), robot)[0]
+    assert followed(PredictiveController(config), robot)[0] < 0.5 * alone
+    assert followed(PredictiveController(improved), robot)[0] < 0.3 * alone
+    assert followed(FeedforwardPI(improved), robot)[0] < 0.5 * alone
+
+
+@pytest.mark.parametrize('make', [Feedforward, PredictiveController])
+def test_structures_that_one_command_does_not_move_are_refused(make):
+    with pytest.raises(UserError, match='spatial'):
+        make(Config(system='spatial'))
+
+
+def test_unknown_coordinate_is_refused():
+    with pytest.raises(UserError, match='control.coordinate'):
+        Feedforward(Config(settings={'control.coordinate': 'alhpa'}))
