@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from threading import Event
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,14 +12,17 @@ from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.diagnosis.review import reviewed
 from sma_sim.evidence.estimation.calibrate import FitOptions, problem_for
 from sma_sim.evidence.estimation.executors import executor_or_threads
+from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.levenberg_marquardt import start_point
 from sma_sim.evidence.estimation.problem import AMBIENT, linearize, residuals_at
-from sma_sim.evidence.estimation.recording_differences import AMBIENT_STD, with_differences
+from sma_sim.evidence.estimation.recording_differences import AMBIENT_STD, RecordingDifference, with_differences
 from sma_sim.evidence.estimation.residuals import Nuisance, fit_data, planned_run, predict
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.differing_recordings import AMBIENT as UNKNOWN_ROOM
-from sma_sim.evidence.model_selection.differing_recordings import promises
+from sma_sim.evidence.model_selection.differing_recordings import promises, with_difference
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
+from sma_sim.evidence.search.components import Component
+from sma_sim.evidence.search.refine import Model, without_difference
 from sma_sim.solver.inputs import Input
 from sma_sim.words.diagnosis_data import as_data
 from sma_sim.words.diagnosis_text import as_text
@@ -26,6 +30,7 @@ from sma_sim.words.diagnosis_text import as_text
 NOISE = {'U_y': 1e-5, 'alpha': 3.5e-4, 'F_1': 0.02, 'F_2': 0.02}
 COMMANDS = ((10.0, -8.0), (-9.0, 12.0), (8.0, -11.0), (-12.0, 7.0))
 OPTIONS = FitOptions(free=('beam.E', 'wire.lambda'), kinetics='hybrid', starts=1, intervals=False)
+UNPOWERED = RecordingDifference('the power of one side', unpowered_side=1, recordings=('run1',))
 REQUEST = DiagnosisRequest(kinetics='hybrid', options=OPTIONS, equation=False, variants=False)
 
 
@@ -55,6 +60,22 @@ def test_a_room_that_is_warmer_acts_like_an_input_that_says_so():
     expected = predict(sma_sim.Config(), warm, Nuisance(start=(0.4, 0.5)))
     shown = predict(sma_sim.Config(), run, Nuisance(start=(0.4, 0.5), ambient=4.0))
     assert all((shown[name] == expected[name]).all() for name in expected)
+
+
+@pytest.mark.parametrize('difference', [UNKNOWN_ROOM, RecordingDifference('the zero of alpha', channel='alpha', std=1e-3)])
+def test_a_model_without_a_difference_is_the_one_before(difference):
+    problem = problem_for(sma_sim.Dataset((recorded(0), recorded(1)), NOISE), sma_sim.Config(), OPTIONS, 5)
+    z = start_point(problem) + 0.1
+    differing, start = with_difference(*with_difference(problem, z, difference), UNPOWERED)
+    components = (Component(difference.words, 0.0, difference), Component(UNPOWERED.words, 0.0, UNPOWERED))
+    model = Model(components, FitResult(differing, start, 1.0), SimpleNamespace())
+    found = without_difference(model, components[0], problem)
+    only, plain = with_difference(problem, z, UNPOWERED)
+    assert found.names == {UNPOWERED.words} and (found.fit.z == plain).all()
+    assert found.fit.problem.differences == (UNPOWERED,) and found.fit.problem.unknowns == only.unknowns
+    with executor_or_threads(None) as pool:
+        for one, other in zip(residuals_at(found.fit.problem, plain, pool), residuals_at(only, plain, pool), strict=True):
+            assert (one == other).all()
 
 
 @pytest.mark.parametrize('side', [1, -1])

@@ -27,6 +27,7 @@ from sma_sim.evidence.estimation.recording_differences import RecordingDifferenc
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import candidates_for, with_effect
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
+from sma_sim.evidence.search import beam
 from sma_sim.evidence.search.beam import Book, parents
 from sma_sim.evidence.search.components import Catalogue, Component, catalogue_for, log_prior_of
 from sma_sim.evidence.search.posterior import posterior_of
@@ -385,3 +386,18 @@ def test_kinetics_that_tie_are_both_extended():
         book = Book(CATALOGUE, True)
         book.add([model((), squares), model((), 30.0, 'hybrid')])
         assert [one.key[1] for one in parents(book, 0)] == expected
+
+
+@pytest.mark.parametrize(('squares', 'expected'), [(1.0, ['gravity']), (30.0, ['gravity', 'radiation'])])
+def test_a_level_ends_where_the_best_of_all_leaves_nothing(monkeypatch, squares, expected):
+    """One that leaves nothing, and is less probable than a model with fewer components, ends nothing."""
+    book, extended = Book(CATALOGUE, False), []
+    book.add([model(('gravity',), 20.0, unlisted=1.0), model(('radiation',), 20.5, unlisted=1.0)])
+
+    def expand(parent, known, _):
+        extended.extend(parent.names)
+        known.add([model((*parent.names, 'driver_lag'), squares)])
+
+    monkeypatch.setattr(beam, 'expand', expand)
+    beam.expand_level(2, book, SimpleNamespace(stop=Event()))
+    assert extended == expected

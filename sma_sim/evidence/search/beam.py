@@ -22,6 +22,7 @@ from sma_sim.evidence.search.refine import (
     model_of,
     settled,
     without,
+    without_difference,
 )
 
 MAX_COMPONENTS = 3  # of a model: it bounds the time of a search, and recordings of few runs seldom tell more
@@ -73,10 +74,6 @@ class Book:
         """The better of the models with these components."""
         return next((model for model in self.ranked(len(names)) if model.names == names), None)
 
-    def leaves_nothing(self, size: int) -> bool:
-        """Whether the best model of a number of components leaves nothing."""
-        return any(model.leaves_nothing for model in self.ranked(size)[:1])
-
     def ranked(self, size: int | None = None) -> list[Model]:
         """Models by score, the best first; of a number of components, if one is given."""
         k = self.overdispersion
@@ -111,9 +108,9 @@ def search(nominal: Sequence[FitResult], context: SearchContext, equations: bool
 
 def expand_level(size: int, book: Book, context: SearchContext) -> None:
     """Models of a size: extend those with one component less that have weight, as they do once others were extended, until
-    one leaves nothing. What other parents lead to has few nats to win then; exchanges look for it."""  # fmt: skip
+    the best of all leaves nothing: what other parents lead to has few nats to win then; exchanges look for it."""
     done = set[tuple[frozenset[str], str]]()
-    while not (book.leaves_nothing(size) or context.stop.is_set()):
+    while not (context.stop.is_set() or (book.best.leaves_nothing and len(book.best.components) == size)):
         parent = next((one for one in parents(book, size - 1) if one.key not in done), None)
         if parent is None:
             return
@@ -239,7 +236,7 @@ def improve(size: int, book: Book, context: SearchContext) -> None:
         if best.score(k) < book.best.score(k) - WINDOW or (best.leaves_nothing and best is not book.best):
             return
         for component in best.components:
-            exchange(best, component, book, context)
+            (exchange_difference if component.is_difference else exchange)(best, component, book, context)
         if context.stop.is_set() or book.ranked(size)[0] is best:
             return
 
@@ -263,6 +260,17 @@ def exchange(best: Model, component: Component, book: Book, context: SearchConte
         if one.promise >= EXCHANGE_SHARE * own and frozenset((*(r.name for r in rest), one.component.name)) not in near
     ]  # fmt: skip
     add_extended(replace(best, components=rest, fit=there), chosen[:EXCHANGED], book, context, restarts=False)
+
+
+def exchange_difference(best: Model, component: Component, book: Book, context: SearchContext) -> None:
+    """Models with an effect in place of what differs between the recordings: where these heat or cool differently, either
+    imitates the other, and only both together may lead to it."""
+    if context.stop.is_set():
+        return
+    context.on_progress(f'which effect may stand in place of {component.name}')
+    base = without_difference(best, component, book.ranked(0)[0].fit.problem)
+    proposals = propose.listed(base.fit, book.catalogue, {one.plain_name for one in base.components}, context)
+    add_extended(base, [one.component for one in proposals[:EXCHANGED]], book, context, restarts=False)
 
 
 def words(model: Model) -> str:

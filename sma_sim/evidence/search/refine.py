@@ -177,6 +177,22 @@ def without(model: Model, component: Component, context: SearchContext) -> Model
     return model_of(rest, [refit(problem, z, context)], context)
 
 
+def without_difference(model: Model, component: Component, nominal: Problem) -> Model:
+    """The model without one of the differences between its recordings, the rest of it as it was; with the runs of the
+    `nominal` problem, which differ in nothing."""
+    fit, problem = model.fit, model.fit.problem
+    differences = tuple(one for one in problem.differences if one != component.start)
+    smaller = replace(
+        problem, differences=differences, runs=tuple(with_differences_in(run, differences) for run in nominal.runs)
+    )
+    shared = len(problem.shared)
+    parts = [fit.z[:shared]] + [
+        fit.z[at][shared : shared + len(smaller.own(run))] for run, at in zip(smaller.runs, problem.indices(), strict=True)
+    ]
+    rest = tuple(one for one in model.components if one.name != component.name)
+    return replace(model, components=rest, fit=replace(fit, problem=smaller, z=np.concatenate(parts)))
+
+
 def on_run_subset(fit: FitResult) -> FitResult:
     """A fit on a part of many runs, on which a search is made."""
     subset = run_subset(fit.problem)
