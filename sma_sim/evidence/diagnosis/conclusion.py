@@ -117,7 +117,7 @@ def verdicts_by_run(book: Book, posterior: Posterior, data: StageData, last: Con
         return {}
     found = {}
     for number, run in enumerate(problem.runs):
-        best = max(book.models.values(), key=lambda model: model.evidence.score(k, number))
+        best = max(book.models.values(), key=lambda model: model.score(k, number))
         error = sqrt(best.evidence.squares_without(k, number) / max(1, run.samples))
         effects = tuple(one.name for one in best.components if not (one.is_difference or one.is_formula))
         found[run.name] = HeldOutVerdict(verdict_without(best, error, effects, data.limit), effects, error)
