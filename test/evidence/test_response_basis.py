@@ -19,9 +19,23 @@ def test_few_responses_tell_those_to_all_functions_of_one_variable():
     found = by_combination(simulate, columns)
     assert len(simulated) < 12
     assert {len(columns) - 2, len(columns) - 1} <= set(simulated)  # nothing follows for zeros, nor for what is not known
+    largest = max(np.linalg.norm(column) for column in exact)
     for response, column in zip(found, exact, strict=True):
         missed = np.linalg.norm(response - mixing @ column)
-        assert missed <= TOLERANCE * np.linalg.norm(column) * np.linalg.norm(mixing, 2)
+        size = max(np.linalg.norm(column), TOLERANCE * largest)
+        assert missed <= TOLERANCE * size * np.linalg.norm(mixing, 2)
+
+
+def test_what_hardly_acts_tells_nothing_of_others():
+    """Its response is noise of the solver, which must not be scaled up to the size of the others."""
+    x, random = np.linspace(0.0, 1.0, 200), np.random.default_rng(0)
+    columns = [1e-4 * np.exp(-(((x - at) / 0.02) ** 2)) for at in (0.2, 0.5, 0.8)] + [x, x**2, x**3, np.ones(200)]
+    mixing = random.normal(size=(50, 200)) / np.sqrt(200.0)
+    exact = [mixing @ column for column in columns]
+    noisy = [response + 1e-2 * random.normal(size=50) for response in exact]
+    found = by_combination(lambda chosen: [noisy[k] for k in chosen], columns)
+    for response, expected in zip(found[3:], exact[3:], strict=True):
+        assert np.linalg.norm(response - expected) < TOLERANCE * np.linalg.norm(expected)
 
 
 def test_all_are_simulated_where_one_of_the_basis_cannot_be():

@@ -37,8 +37,12 @@ class Basis:
 
 
 def basis_of(columns: Matrix) -> Basis:
-    """A basis of columns (k, columns), none of which is zero, made of some of them: by a QR decomposition with pivoting."""
+    """A basis of columns (k, columns), none of which is zero, made of some of them: by a QR decomposition with pivoting.
+
+    Small ones, of what a wire hardly visits, may be missed by more of their own size: their responses tell little of others.
+    """
     sizes = np.linalg.norm(columns, axis=0)
+    sizes = np.maximum(sizes, TOLERANCE * sizes.max())
     triangle, order = qr(columns / sizes, mode='r', pivoting=True)
     rank = int(np.count_nonzero(np.abs(np.diag(triangle)) > TOLERANCE))  # what is left of the column that has most left
     weights = np.zeros((rank, len(order)))
