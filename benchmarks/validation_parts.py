@@ -522,9 +522,8 @@ PARTS = (
         minutes=20,
         command=cases('laplace'),
         text='Log odds of a model with an effect against the one without, by the search and by nested sampling (needs '
-        '`dynesty`). Without strength an effect may end at its neutral value: a search does not count such a model, and '
-        'nested sampling gives it less weight still. Where the odds are thousands of nats they differ by more '
-        'than 1; why, is not known yet: no decision hangs on it.',
+        '`dynesty`), where the two compete: the effect is missing, or worth at most 20 nats. The Gaussian about the optimum '
+        'is cut at the bounds. What is left is its shape: `driver_lag` has a parameter without a derivative where it is 0.',
         subject=DIAGNOSIS,
         table=joined(laplace_rows),
         resumable=True,

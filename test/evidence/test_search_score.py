@@ -2,14 +2,14 @@
 
 from dataclasses import replace
 from itertools import permutations
-from math import exp, inf, log
+from math import exp, inf, log, pi, sqrt
 from threading import Event
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from scipy.stats import multivariate_normal, norm
+from scipy.stats import multivariate_normal, norm, truncnorm
 from simulated_data import NOISE, command, config, recording
 
 from sma_sim import Dataset, FitOptions, Input, find_effects, read_config
@@ -26,15 +26,32 @@ from sma_sim.evidence.estimation.problem import LinearizedRun
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import candidates_for, with_effect
-from sma_sim.evidence.model_selection.score_tests import ScreeningResult
+from sma_sim.evidence.model_selection.score_tests import ScreeningResult, change_points
 from sma_sim.evidence.search import beam
 from sma_sim.evidence.search.beam import Book, parents
 from sma_sim.evidence.search.components import Catalogue, Component, catalogue_for, log_prior_of
 from sma_sim.evidence.search.posterior import posterior_of
 from sma_sim.evidence.search.refine import WINDOW, Model
-from sma_sim.evidence.search.score import SPARSITY, UNLISTED, Evidence, evidence_of, realism, unlisted_evidence
+from sma_sim.evidence.search.score import (
+    EVEN_PRECISION,
+    SPARSITY,
+    UNLISTED,
+    Evidence,
+    evidence_of,
+    log_probability_inside,
+    prior_of_values,
+    truncated,
+    unlisted_evidence,
+)
 
 SHARED, OWN, CHANNELS, SAMPLES = 2, 1, 2, 8  # of a linear problem: unknowns of all runs, and of each
+
+
+def evidence_at_end(z, parts, log_prior, unlisted=0.0):
+    """The evidence of a fit without bounds that has ended at z, all priors N(0, 1)."""
+    unbounded = np.full(len(z), inf)
+    zeros = (np.zeros(0),) * len(parts)
+    return Evidence(z, -unbounded, unbounded, np.ones(len(z)), parts, zeros, log_prior, 1.0, unlisted)
 
 
 class LinearProblem:
@@ -57,9 +74,7 @@ class LinearProblem:
     def evidence(self, z, split=lambda run: run):
         """The evidence of a fit that has ended at z."""
         parts = tuple(normal_equations(split(run), False) for run in self.linear(z))
-        return Evidence(
-            z, np.ones(self.size, dtype=bool), np.ones(self.size), parts, (np.zeros(0),) * len(parts), 0.0, 1.0, 0.0
-        )
+        return evidence_at_end(z, parts, 0.0)
 
     def stacked(self, runs):
         """a (N,) and J (N, n) of some runs."""
@@ -106,16 +121,57 @@ def test_a_run_left_out_is_predicted_as_by_a_fit_without_it(k):
         assert problem.evidence(at).squares_without(k, left_out) == pytest.approx(expected, rel=1e-10)
 
 
-def test_an_unknown_at_its_bound_does_not_count():
-    """Held at a bound, it is a constant of the model: the evidence is that of the other unknowns."""
+@pytest.mark.parametrize('bounds', [(0.6, 9.0), (-9.0, -0.7), (-0.1, 0.3), (-inf, 0.2), (-0.4, 30.0)])
+@pytest.mark.parametrize('even', [False, True])
+def test_the_score_of_a_bounded_unknown_is_its_log_evidence(bounds, even):
+    """The integral over what its bounds leave it, wherever the fit has ended within them; the prior normal, or even."""
+    problem, runs = LinearProblem(), range(3)
+    a, J = problem.stacked(runs)
+    low, high, precision = np.full(problem.size, -inf), np.full(problem.size, inf), np.ones(problem.size)
+    low[0], high[0] = bounds
+    precision[0] = EVEN_PRECISION if even else 1.0
+    rest = np.eye(len(a)) + J[:, 1:] @ J[:, 1:].T
+    of_rest = multivariate_normal(np.zeros(len(a)), rest)
+
+    def density(x):
+        return exp(of_rest.logpdf(a + J[:, 0] * x) + log_white) * (1.0 if even else exp(-0.5 * x**2))
+
+    log_white = 0.5 * len(a) * log(2.0 * np.pi)
+    within = (max(bounds[0], -30.0), min(bounds[1], 30.0))
+    expected = log(quad(density, *within, epsabs=0.0, points=[min(max(0.0, within[0]), within[1])])[0])
+    z = problem.best(1.0, runs)
+    z[0] = np.clip(z[0], *bounds)
+    found = replace(problem.evidence(z), low=low, high=high, precision=precision).score(1.0)
+    assert found + 0.5 * log(2.0 * np.pi) == pytest.approx(expected, abs=1e-4)
+
+
+def test_a_constant_is_no_unknown():
+    """Held where it is by both bounds, it costs nothing but its prior."""
     problem = LinearProblem()
     z = problem.best(1.0, range(3))
     z[0] = -0.3
-    free = np.arange(problem.size) != 0
+    low, high = np.full(problem.size, -inf), np.full(problem.size, inf)
+    low[0] = high[0] = z[0]
     a, J = problem.stacked(range(3))
     a, J = a + J[:, 0] * z[0], J[:, 1:]
     expected = multivariate_normal(np.zeros(len(a)), np.eye(len(a)) + J @ J.T).logpdf(a) + 0.5 * len(a) * log(2.0 * np.pi)
-    assert replace(problem.evidence(z), free=free).score(1.0) == pytest.approx(expected - 0.5 * z[0] ** 2, rel=1e-10)
+    found = replace(problem.evidence(z), low=low, high=high)
+    assert found.score(1.0) == pytest.approx(expected - 0.5 * z[0] ** 2, rel=1e-10)
+
+
+def test_probability_within_bounds():
+    """Of correlated deviates, against the distribution itself; far out in the tails without a loss of digits."""
+    covariance = np.array([[1.0, 0.5, 0.2], [0.5, 2.0, -0.3], [0.2, -0.3, 0.5]])
+    for low, high in (([-1.0, -2.0, 0.1], [0.5, inf, 2.0]), ([0.5, -inf, -inf], [inf, -0.2, inf])):
+        exact = multivariate_normal(np.zeros(3), covariance).cdf(high, lower_limit=low)
+        assert log_probability_inside(np.array(low), np.array(high), covariance) == pytest.approx(log(exact), abs=0.05)
+    for a in (5.0, 40.0):
+        alone = log_probability_inside(np.array([a, -1.0]), np.array([inf, inf]), np.eye(2))
+        assert alone == pytest.approx(norm.logsf(a) + norm.logcdf(1.0), rel=1e-9)
+    inside, mean, variance = truncated(-0.3, 1.2)
+    exact = truncnorm(-0.3, 1.2)
+    assert (exp(inside), mean, variance) == pytest.approx((norm.cdf(1.2) - norm.cdf(-0.3), exact.mean(), exact.var()))
+    assert truncated(-1.2, 0.3) == pytest.approx((inside, -mean, variance))
 
 
 def test_a_channel_that_is_there_twice_with_half_the_weight_says_the_same():
@@ -139,10 +195,8 @@ def log_odds(truth, runs):
     residuals = -truth * slope[0]
     part = normal_equations(LinearizedRun(np.array([0]), residuals, slope), False)
     bare = normal_equations(LinearizedRun(np.zeros(0, dtype=int), residuals, slope[:0]), False)
-    with_it = Evidence(np.zeros(1), np.array([True]), np.ones(1), (part,) * runs, (np.zeros(0),) * runs, -SPARSITY, 1.0, 0.0)
-    without = Evidence(
-        np.zeros(0), np.zeros(0, dtype=bool), np.ones(0), (bare,) * runs, (np.zeros(0),) * runs, 0.0, 1.0, 0.0
-    )
+    with_it = evidence_at_end(np.zeros(1), (part,) * runs, -SPARSITY)
+    without = evidence_at_end(np.zeros(0), (bare,) * runs, 0.0)
     return with_it.score(1.0) - without.score(1.0)
 
 
@@ -242,8 +296,8 @@ def test_values_beyond_what_is_realistic_cost_nats(robot):
     def density(at):
         z = np.zeros(len(problem.unknowns))
         z[number] = at
-        widths, cost = realism(problem, z)
-        return exp(norm.logpdf(at) - cost) / widths[number]
+        _, _, _, log_density = prior_of_values(problem, z)
+        return exp(log_density) / sqrt(2.0 * pi)
 
     width = high - low
     inside = [density(low + part * width) for part in (0.0, 0.3, 1.0)]
@@ -254,8 +308,11 @@ def test_values_beyond_what_is_realistic_cost_nats(robot):
     assert quad(density, low, high)[0] + tails == pytest.approx(1.0, abs=0.01)
     z = np.zeros(len(problem.unknowns))
     z[1 - number] = 3.0  # of the nominal model: not an effect
-    assert realism(problem, z)[1] == pytest.approx(realism(problem, 0.0 * z)[1])
-    assert realism(problem, z)[0][1 - number] == 1.0
+    bounds = problem.limits()
+    for at in (z, 0.0 * z):
+        low, high, precision, log_density = prior_of_values(problem, at)
+        assert log_density == pytest.approx(log(density(0.0) * sqrt(2.0 * pi)))
+        assert (low[1 - number], high[1 - number], precision[1 - number]) == (*(b[1 - number] for b in bounds), 1.0)
 
 
 CATALOGUE = Catalogue(candidates_for(config()), ())
@@ -273,9 +330,7 @@ def model(names, squares, kinetics='mas', unlisted=-inf):
     """A model that leaves so many squares."""
     components = tuple(component(name) for name in names)
     part = normal_equations(LinearizedRun(np.zeros(0, dtype=int), np.full((1, 1), squares**0.5), np.zeros((0, 1, 1))), False)
-    evidence = Evidence(
-        np.zeros(0), np.zeros(0, dtype=bool), np.ones(0), (part,), (np.zeros(0),), log_prior_of(components), 1.0, unlisted
-    )
+    evidence = evidence_at_end(np.zeros(0), (part,), log_prior_of(components), unlisted)
     problem = SimpleNamespace(config=SimpleNamespace(simulated_kinetics=kinetics), tempering=1.0)
     return Model(components, SimpleNamespace(cost=0.5 * squares, squares=squares, problem=problem), evidence)
 
@@ -352,6 +407,20 @@ def test_effects_of_the_driver_are_sought_where_power_was_commanded():
         names = {candidate.name for candidate in catalogue.effects}
         assert ({'driver_lag', 'driver_deadband', 'driver_saturation'} <= names) == is_sought
         assert is_sought or not names & {'driver_lag', 'driver_deadband', 'driver_saturation', 'resistance_feedback'}
+
+
+def test_instants_at_which_something_happens():
+    """A mean that changes for good, and a transient of which nothing lasts: a fit has bent its parameters to the rest."""
+    random, time = np.random.default_rng(3), np.arange(0.0, 100.0, 0.05)
+    runs = [SimpleNamespace(time=time, channels=('alpha', 'U_y'), weight=np.ones((2, len(time)))) for _ in range(2)]
+    residuals = [random.normal(size=(2, len(time))) for _ in runs]
+    for rows in residuals:
+        rows[0] += 0.3 * (time >= 62.0)
+        late = np.maximum(0.0, time - 45.0)
+        rows[1] += 6.0 * np.sin(20.0 * late) * np.exp(-late / 0.2)
+    linear = [LinearizedRun(np.zeros(0, dtype=int), rows, np.zeros((0, *rows.shape))) for rows in residuals]
+    found = change_points(SimpleNamespace(runs=runs), linear)
+    assert found[0] == pytest.approx(62.0, abs=0.5) and found[-1] == pytest.approx(45.0, abs=0.3)
 
 
 @pytest.mark.parametrize('k', [1.0, 3.0])

@@ -22,7 +22,7 @@ from sma_sim.evidence.estimation.recording_differences import RecordingDifferenc
 from sma_sim.evidence.estimation.residuals import FitData
 from sma_sim.evidence.estimation.run_subset import run_subset, to_subset
 from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, FROM_PRIORS, WEAKLY_DAMPED
+from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, FROM_PRIORS, SETTLED, WEAKLY_DAMPED
 from sma_sim.evidence.model_selection.refit import refit, with_other_kinetics, without_effect
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.evidence.model_selection.sketches import at_defaults, at_prior_means, sketched
@@ -170,11 +170,11 @@ def in_other_kinetics(model: Model, fewer: Model | None, context: SearchContext)
 
 
 def settled(model: Model, k: float, context: SearchContext) -> Model | None:
-    """The model where it is best under an overdispersion k: it is fitted again where it was fitted under another one and
-    would gain by that; None where a component does nothing there."""  # fmt: skip
-    if model.evidence.gain(k) <= ADDED_EFFECT.min_decrease:
+    """The model where it is best under an overdispersion k: it is fitted again where it was fitted under another one, or not
+    to the end, and would gain by that; None where a component does nothing there."""  # fmt: skip
+    if model.evidence.gain(k) <= SETTLED.min_decrease:
         return model
-    fit = refit(replace(model.fit.problem, tempering=k), model.fit.z, context)
+    fit = refit(replace(model.fit.problem, tempering=k), model.fit.z, context, SETTLED)
     return model if fit is None else model_of(model.components, [fit], context)
 
 

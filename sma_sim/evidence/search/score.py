@@ -2,22 +2,25 @@
 
 In the coordinates of a fit (unknowns z with priors N(0, 1), residuals r over the noise, derivatives J) a model M has
 
-    log p(M | y) = -S/(2 k^2) - |z|^2/2 - log det(I + J'J/k^2)/2 + log prior(M) + constant,    S = r'r
+    log p(M | y) = -S/(2 k^2) - |z|^2/2 - log det(I + J'J/k^2)/2 + log p(bounds) + log prior(M) + constant,    S = r'r
 
-at the z that is best for k. k is the overdispersion: one number for all models that are compared. 1/k^2 discounts squares
-that say less than white noise of the stated size would let them, as the variance inflation of quasi-likelihood does
-(Wedderburn 1974; Burnham and Anderson 2002). Evidence by Laplace's method: MacKay (1992), Kass and Raftery (1995).
+at the z that is best for k. Unknowns have bounds, at which many an optimum lies: p(bounds) is the part of the Gaussian about
+that z, which may lie beyond them, that is within. k is the overdispersion: one number for all models that are compared.
+1/k^2 discounts squares that say less than white noise of the stated size would let them, as the variance inflation of
+quasi-likelihood does (Wedderburn 1974; Burnham and Anderson 2002). Evidence by Laplace's method: MacKay (1992), Kass and
+Raftery (1995).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from math import log1p, pi, sqrt
+from dataclasses import dataclass, field
+from math import exp, isfinite, log, log1p, pi, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
+from scipy.special import log_ndtr
 
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import declared_parameters
@@ -37,6 +40,9 @@ rich one; benchmarks/calibration.py shows what it does."""
 UNLISTED = 2.0
 """Further nats against what no list has: of what has been found missing in such robots, most is known by name."""
 TAIL = 0.1  # of a realistic range: literature is not sharper, and robots differ
+EVEN_PRECISION = 1e-6  # of a normal prior that stands for an even one: its bounds are a thousandth of its width apart
+FAR = 8.0  # standard deviations beyond which a bound holds back nothing
+ROUNDING = 1e-12  # of a variance, below which what others leave of it is rounding error
 AMPLITUDES = np.geomspace(0.1, 1000.0, 17)  # of an unlisted function, in units of the noise
 PERIODS = (2.0, 5.0, 12.0, 30.0, 80.0)  # parts of the length of a run after which it has changed
 
@@ -45,41 +51,53 @@ PERIODS = (2.0, 5.0, 12.0, 30.0, 80.0)  # parts of the length of a run after whi
 class Evidence:
     """What the score of a fit needs, whatever the overdispersion, and whichever runs count.
 
-    `z` (n,): where it ended; `free` (n,): unknowns that no bound holds back; `width` (n,): standard deviation of the normal
-    prior that is as dense as that of each unknown; `parts`: squares, gradient and Hessian of every
-    run; `profiled`: by run, information about zeros that were eliminated; `log_prior` of the components; `overdispersion` of
-    its own residuals; `unlisted`: log Bayes factor of a smooth function of time in one channel beside this model.
+    `z` (n,): where it ended; `low`, `high` (n,): between which bounds its prior is spread; `precision` (n,): of its normal
+    prior, 1, or next to nothing where the prior is even; `parts`: squares, gradient and Hessian of every
+    run; `profiled`: by run, information about zeros that were eliminated; `log_prior` of the components and of the values
+    whose prior is even; `overdispersion` of its own residuals; `unlisted`: log Bayes factor of a smooth function of time in
+    one channel beside this model.
     """
 
     z: Vector
-    free: NDArray[np.bool_]
-    width: Vector
+    low: Vector
+    high: Vector
+    precision: Vector
     parts: tuple[NormalEquations, ...]
     profiled: tuple[Vector, ...]
     log_prior: float
     overdispersion: float
     unlisted: float
+    _known: dict[tuple[float, int | None], float] = field(init=False, repr=False, compare=False, default_factory=dict)
 
     def score(self, k: float, left_out: int | None = None) -> float:
         """The log posterior under an overdispersion k, up to a constant that all models share; without one run, if any."""
+        if (k, left_out) not in self._known:  # asked each time that models are put in order
+            self._known[k, left_out] = self._log_posterior(k, left_out)
+        return self._known[k, left_out]
+
+    def _log_posterior(self, k: float, left_out: int | None) -> float:
+        """The integral of the Gaussian about the optimum, as far as it lies within bounds."""
         weight, kept = 1.0 / k**2, [run for run in range(len(self.parts)) if run != left_out]
         squares, gradient, hessian = self._sums(kept)
         profiled = sum(float(np.log1p(weight * self.profiled[run]).sum()) for run in kept)
-        value = -0.5 * weight * squares - 0.5 * float(self.z @ self.z) + self._gain(weight, gradient, hessian)
-        width = self.width[self.free]
-        narrowed = np.eye(len(width)) + weight * hessian * np.outer(width, width)
-        return value - 0.5 * float(np.linalg.slogdet(narrowed)[1]) - 0.5 * profiled + self.log_prior
+        total: Matrix = weight * hessian + np.diag(self.precision)
+        slope = weight * gradient + self.precision * self.z
+        varied = self.low < self.high
+        total, slope = total[np.ix_(varied, varied)], slope[varied]
+        covariance = np.asarray(np.linalg.inv(total), dtype=np.float64)
+        away = -covariance @ slope
+        best = self.z[varied] + away
+        inside = log_probability_inside(self.low[varied] - best, self.high[varied] - best, covariance)
+        at_end = -0.5 * weight * squares - 0.5 * float(self.z @ (self.precision * self.z))
+        return at_end - 0.5 * float(slope @ away + np.linalg.slogdet(total)[1] + profiled) + inside + self.log_prior
 
     def gain(self, k: float) -> float:
-        """What the optimum for k has before the point where the fit ended, to second order."""
-        _, gradient, hessian = self._sums(range(len(self.parts)))
-        return self._gain(1.0 / k**2, gradient, hessian)
-
-    def _gain(self, weight: float, gradient: Vector, hessian: Matrix) -> float:
-        """The same for sums of some runs, which count with a weight."""
-        z = self.z[self.free]
-        pull = weight * gradient + z
-        return 0.5 * float(pull @ np.linalg.solve(np.eye(len(z)) + weight * hessian, pull))
+        """What the optimum of a fit for k has before the point where it ended, to second order."""
+        weight, (_, gradient, hessian) = 1.0 / k**2, self._sums(range(len(self.parts)))
+        slope = weight * gradient + self.z
+        free = self._free(slope)
+        total = weight * hessian[np.ix_(free, free)] + np.eye(int(free.sum()))
+        return 0.5 * float(slope[free] @ np.linalg.solve(total, slope[free]))
 
     def squares_without(self, k: float, left_out: int) -> float:
         """The squares of one run as the others predict it, to second order; its own unknowns are at their best."""
@@ -89,26 +107,33 @@ class Evidence:
         for run in kept:
             own[self.parts[run].indices] = False
         _, gradient, hessian = self._sums(kept)
-        z = self.z[self.free]
-        step = -np.linalg.solve(np.eye(len(z)) + weight * hessian, weight * gradient + z)
+        slope, step = weight * gradient + self.z, np.zeros(len(self.z))
+        free = self._free(weight * self._sums(range(len(self.parts)))[1] + self.z)
+        step[free] = -np.linalg.solve(np.eye(int(free.sum())) + weight * hessian[np.ix_(free, free)], slope[free])
         squares, gradient, hessian = self._sums([left_out])
-        inner = own[self.free]
+        inner = own & free
         step[inner] = 0.0
-        pull = weight * (gradient + hessian @ step) + z
+        pull = weight * (gradient + hessian @ step) + self.z
         if inner.any():
             precision = np.eye(int(inner.sum())) + weight * hessian[np.ix_(inner, inner)]
             step[inner] = -np.linalg.solve(precision, pull[inner])
         return max(0.0, squares + 2.0 * float(gradient @ step) + float(step @ hessian @ step))
 
+    def _free(self, slope: Vector) -> NDArray[np.bool_]:
+        """Which unknowns are free to move against a slope: not those that a bound holds back."""
+        held = ((self.z <= self.low) & (slope > 0.0)) | ((self.z >= self.high) & (slope < 0.0))
+        free: NDArray[np.bool_] = ~(held | (self.low == self.high))
+        return free
+
     def _sums(self, runs: Sequence[int]) -> tuple[float, Vector, Matrix]:
-        """Squares, gradient and Hessian of the data of some runs, of the free unknowns."""
+        """Squares, gradient and Hessian of the data of some runs, of all unknowns."""
         n = len(self.z)
         squares, gradient, hessian = 0.0, np.zeros(n), np.zeros((n, n))
         for part in (self.parts[run] for run in runs):
             squares += 2.0 * part.cost
             gradient[part.indices] += part.gradient
             hessian[np.ix_(part.indices, part.indices)] += part.hessian
-        return squares, gradient[self.free], hessian[np.ix_(self.free, self.free)]
+        return squares, gradient, hessian
 
 
 def evidence_of(fit: FitResult, log_prior: float, context: SearchContext) -> Evidence:
@@ -118,13 +143,10 @@ def evidence_of(fit: FitResult, log_prior: float, context: SearchContext) -> Evi
 
 def evidence_at(problem: Problem, z: Vector, linear: Sequence[LinearizedRun], log_prior: float) -> Evidence:
     """The evidence of a model from its linearisation at z."""
-    parts = tuple(normal_equations(run, problem.robust) for run in linear)
-    slope = problem.tempering**2 * z
-    for part in parts:
-        slope[part.indices] += part.gradient
-    width, cost = realism(problem, z)
+    low, high, precision, log_density = prior_of_values(problem, z)
     return Evidence(
-        z, off_bounds(problem, z, slope), width, parts, profiled_information(problem), log_prior - cost,
+        z, low, high, precision, tuple(normal_equations(run, problem.robust) for run in linear),
+        profiled_information(problem), log_prior + log_density,
         overdispersion_of(problem, [run.residuals for run in linear]), unlisted_evidence(linear),
     )  # fmt: skip
 
@@ -137,29 +159,62 @@ def probabilities(evidences: Sequence[Evidence]) -> list[float]:
     return list((weights / weights.sum()).tolist())
 
 
-def realism(problem: Problem, z: Vector) -> tuple[Vector, float]:
-    """The prior of the values of effects, in place of the normal one of a fit: even within what literature calls realistic,
-    with heavy tails, so that values beyond cost nats and are not forbidden. As widths in z (n,), and that cost.
+def prior_of_values(problem: Problem, z: Vector) -> tuple[Vector, Vector, Vector, float]:
+    """The prior of all unknowns about z: bounds (n,), precision of the normal prior (n,), and the log density there of those
+    whose prior is even, over that of a standard normal one in its middle.
 
-    With W the width of the range in z, d the distance beyond it and w = TAIL W the density is (1 + d/w)^-2/(W (1 + 2 TAIL)):
-    in the range as dense as a normal one in its middle, of standard deviation W (1 + 2 TAIL)/sqrt(2 pi).
+    Values of effects are as probable all over what literature calls realistic, with heavy tails beyond, so that others
+    cost nats and are not forbidden: with W the width of the range in z, d the distance beyond it and w = TAIL W the density
+    is (1 + d/w)^-2/(W (1 + 2 TAIL)). About a z in the range it is taken to be even as far as w beyond.
     """
-    declared, width, cost = declared_parameters(problem.config), np.ones(len(z)), 0.0
+    declared, (low, high) = declared_parameters(problem.config), problem.limits()
+    precision, log_density = np.ones(len(z)), 0.0
     for j, (free, at) in enumerate(zip(problem.free, z.tolist(), strict=False)):
         between = realistic_range(declared[free.name])
         if between is None or not free.name.startswith('effects.'):
             continue
-        low, high = (free.coordinate(value) if value > 0.0 or not free.log else free.low for value in between)
-        width[j] = (high - low) * (1.0 + 2.0 * TAIL) / sqrt(2.0 * pi)
-        cost += 2.0 * log1p(max(low - at, at - high, 0.0) / (TAIL * (high - low))) - 0.5 * at**2
-    return width, cost
+        first, last = (free.coordinate(value) if value > 0.0 or not free.log else free.low for value in between)
+        tail = TAIL * (last - first)
+        precision[j] = EVEN_PRECISION
+        log_density += 0.5 * log(2.0 * pi) - log(last - first + 2.0 * tail)
+        log_density -= 2.0 * log1p(max(first - at, at - last, 0.0) / tail)
+        if first - tail <= at <= last + tail:
+            low[j], high[j] = max(low[j], first - tail), min(high[j], last + tail)
+    return low, high, precision, log_density
 
 
-def off_bounds(problem: Problem, z: Vector, slope: Vector) -> NDArray[np.bool_]:
-    """Which unknowns are free to move: not those that a bound holds back."""
-    low, high = problem.limits()
-    inside: NDArray[np.bool_] = ~(((z <= low) & (slope > 0.0)) | ((z >= high) & (slope < 0.0)) | (low == high))
-    return inside
+def log_probability_inside(low: Vector, high: Vector, covariance: Matrix) -> float:
+    """log of the probability that normal deviates (n,) of mean 0 lie between bounds, those of one after another.
+
+    Each is bounded as if those before it were still normal, with the mean and the variance that their bounds leave them; the
+    one with the least probability first. This is exact where no two of them are correlated (Mendell and Elston, Biometrics
+    30 (1974) 41).
+    """
+    std = np.sqrt(np.diag(covariance))
+    near = np.flatnonzero((low > -FAR * std) | (high < FAR * std))
+    order = sorted(near.tolist(), key=lambda j: truncated(float(low[j] / std[j]), float(high[j] / std[j]))[0])
+    total, mean, covariance = 0.0, np.zeros(len(order)), covariance[np.ix_(order, order)]
+    for j, at in enumerate(order):
+        size = sqrt(max(covariance[j, j], ROUNDING * std[at] ** 2))
+        inside, shift, variance = truncated(float(low[at] - mean[j]) / size, float(high[at] - mean[j]) / size)
+        slopes = covariance[j] / size
+        mean = mean + shift * slopes
+        covariance = covariance - (1.0 - variance) * np.outer(slopes, slopes)
+        total += inside
+    return total
+
+
+def truncated(a: float, b: float) -> tuple[float, float, float]:
+    """log of the probability that a standard normal deviate lies between a and b, and its mean and variance if it does."""
+    if a > -b:  # the upper tail: mirrored, where the logarithm of the distribution is exact
+        inside, mean, variance = truncated(-b, -a)
+        return inside, -mean, variance
+    upper = float(log_ndtr(b))
+    inside = upper + log1p(-exp(min(0.0, float(log_ndtr(a)) - upper)))
+    at_a, at_b = (exp(-0.5 * (x**2 + log(2.0 * pi)) - inside) if isfinite(x) else 0.0 for x in (a, b))
+    mean = at_a - at_b
+    bent = (a * at_a if isfinite(a) else 0.0) - (b * at_b if isfinite(b) else 0.0)
+    return inside, mean, min(1.0, max(0.0, 1.0 + bent - mean**2))
 
 
 def profiled_information(problem: Problem) -> tuple[Vector, ...]:
