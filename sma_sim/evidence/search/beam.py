@@ -30,10 +30,9 @@ PARENTS = 3  # models of a level that are extended
 EQUATIONS_AFTER = 2  # components: one listed effect that leaves nothing needs no equation, two may imitate a single one
 EXCHANGED = 6  # components that are tried in place of one
 EXCHANGE_SHARE = 0.5  # of what that one promises, which they must: to first order neither is exact
-DIFFERENCES = 2  # between recordings that are fitted beside a model: their promises are nearly exact
-SKETCHED_TERMS = 24  # of equations, which are many and alike
-EQUATION_PORTS = 2  # at whose leading terms others are tried
-ROUNDS = 3  # of exchanges of the best model's components, each from where the last has led
+DIFFERENCES = 2  # between recordings that are fitted beside a model, without a sketch: their promises are nearly exact
+SKETCHED_TERMS = 2 * SKETCHED  # of equations: of ten times as many as there are effects, neighbours are alike
+ROUNDS = 3  # of exchanges, each from where the last has led
 
 
 @dataclass
@@ -133,48 +132,45 @@ def settle(book: Book, context: SearchContext) -> None:
 
 
 def bare(book: Book) -> Model:
-    """The nominal model where the parameters of the best one lie, what was added taken away: nearer to the true ones than
-    where the nominal model itself was fitted, which bends them to imitate what it lacks."""  # fmt: skip
-    nominal, fit = book.ranked(0)[0], book.best.fit
-    if any(one.is_difference for one in book.best.components):
-        return nominal
-    for component in book.best.components:
+    """The nominal model where the parameters of the best one lie; as it was fitted, where that has what a recording has its
+    own."""
+    with_differences = any(one.is_difference for one in book.best.components)
+    return book.ranked(0)[0] if with_differences else stripped(book.best, book.best.components)
+
+
+def stripped(model: Model, replaced: Sequence[Component]) -> Model:
+    """A model without some of its effects, its parameters where they lie with them: nearer to the true ones than where the
+    rest was fitted alone, which bends them to imitate what it lacks."""
+    fit = model.fit
+    for component in replaced:
         fit = FitResult(*without_effect(fit, component.effect), inf)
-    return replace(nominal, fit=fit)
+    names = {component.name for component in replaced}
+    return replace(model, components=tuple(one for one in model.components if one.name not in names), fit=fit)
 
 
 def add_equations(base: Model, book: Book, context: SearchContext) -> None:
-    """Terms of an equation beside the components of a model, and others at the ports of the best of them."""
-    if context.stop.is_set():
-        return
-    context.on_progress(f'fitting the terms of an equation at every port beside {words(base)}')
-    leads = add_extended(base, components_of(propose.terms(base.fit, context)), book, context)
-    by_port: dict[str, Model] = {}
-    for lead in sorted((book.models[model.key] for model in leads), key=lambda model: model.fit.cost):
-        term = lead.components[-1].term
-        by_port.setdefault(term.location.hook if term else '', lead)
-    for lead in list(by_port.values())[:EQUATION_PORTS]:
-        add_equation_neighbours(lead, book, context)
-
-
-def add_equation_neighbours(lead: Model, book: Book, context: SearchContext) -> None:
-    """Other terms at the port of one, proposed where it has led, as long as they fit better; a second one at its place where
-    the best model lacks something."""  # fmt: skip
-    term = lead.components[-1]
-    for _ in range(ROUNDS):
-        if lead.leaves_nothing or context.stop.is_set():
+    """Terms of an equation beside the components of a model; then others in place of the best of them, proposed where that
+    has led, as long as they explain more; then a second one at its place where the best model lacks something."""
+    leads, lead = list[Model](), None
+    for _ in range(1 + ROUNDS):
+        if context.stop.is_set():
             return
-        context.on_progress(f'{term.name}: normalized RMSE {lead.fit.error:.2f}; fitting other terms in its place')
-        there = FitResult(*without_effect(lead.fit, term.effect), inf)
-        others = components_of(propose.terms(there, context, term, same_port=True))
-        start = replace(lead, components=lead.components[:-1], fit=there)
-        found = add_extended(start, others, book, context, restarts=False)
-        best = min([lead, *found], key=lambda model: model.fit.cost)
-        if best.names == lead.names:
+        beside = f'beside {words(base)}' if lead is None else f'in place of {lead.components[-1].name}'
+        context.on_progress(f'fitting the terms of an equation at every port {beside}')
+        proposals = components_of(propose.terms(base.fit, context))
+        leads += add_extended(base, proposals, book, context, restarts=lead is None)
+        before, lead = lead, best_of(leads, book)
+        if lead is None or (lead.leaves_nothing and lead is book.best) or (before and lead.names == before.names):
             break
-        lead, term = best, best.components[-1]
-    if not lead.leaves_nothing and book.best.lacks_unlisted and not context.stop.is_set():
-        add_extended(lead, components_of(propose.terms(lead.fit, context, term)), book, context)
+        base = stripped(lead, lead.components[-1:])
+    if lead is not None and not lead.leaves_nothing and book.best.lacks_unlisted and not context.stop.is_set():
+        add_extended(lead, components_of(propose.terms(lead.fit, context, lead.components[-1])), book, context)
+
+
+def best_of(models: Sequence[Model], book: Book) -> Model | None:
+    """Of some models, as the book has them now, the most probable; None of none."""
+    k, known = book.overdispersion, [book.models[model.key] for model in models]
+    return max(known, key=lambda model: model.score(k), default=None)
 
 
 def components_of(proposals: Sequence[propose.Proposal]) -> list[Component]:
@@ -184,7 +180,7 @@ def components_of(proposals: Sequence[propose.Proposal]) -> list[Component]:
 
 def parents(book: Book, size: int) -> list[Model]:
     """The models of a level to extend: the best few that have weight beside the best of them, with either of the kinetics;
-    that first which leaves least, since a large overdispersion hides what tells them apart."""  # fmt: skip
+    that first which leaves least, since a large overdispersion hides what tells them apart."""
     ranked, k = book.ranked(size), book.overdispersion
     near = [model for model in ranked if model.score(k) >= ranked[0].score(k) - WINDOW]
     names = list(dict.fromkeys(model.names for model in near))[:PARENTS]
@@ -206,9 +202,13 @@ def expand(parent: Model, book: Book, context: SearchContext) -> None:
 
 
 def add_extended(
-    parent: Model, components: Sequence[Component], book: Book, context: SearchContext, restarts: bool = True,
+    parent: Model,
+    components: Sequence[Component],
+    book: Book,
+    context: SearchContext,
+    restarts: bool = True,
     reached: float = inf,
-) -> list[Model]:  # fmt: skip
+) -> list[Model]:
     """Add models with one component more, of those whose sketches come below the cost that others have `reached`."""
     if not components or context.stop.is_set():
         return []
@@ -247,19 +247,20 @@ def exchange(best: Model, component: Component, book: Book, context: SearchConte
     if component.is_difference or context.stop.is_set():
         return
     context.on_progress(f'what may stand in place of {component.name}')
-    rest = tuple(one for one in best.components if one.name != component.name)
-    there = FitResult(*without_effect(best.fit, component.effect), inf)
-    proposals = propose.listed(there, book.catalogue, {one.plain_name for one in rest}, context)
+    base = stripped(best, (component,))
+    taken = {one.plain_name for one in base.components}
+    proposals = propose.listed(base.fit, book.catalogue, taken, context)
     own = next((one.promise for one in proposals if one.component.name == component.name), 0.0)
-    if rest or own < WINDOW / EXCHANGE_SHARE:
+    if base.components or own < WINDOW / EXCHANGE_SHARE:
         book.add([without(best, component, context)])
     k = book.overdispersion
     near = {model.names for model in book.models.values() if model.score(k) > best.score(k) - WINDOW}
     chosen = [
-        one.component for one in proposals
-        if one.promise >= EXCHANGE_SHARE * own and frozenset((*(r.name for r in rest), one.component.name)) not in near
-    ]  # fmt: skip
-    add_extended(replace(best, components=rest, fit=there), chosen[:EXCHANGED], book, context, restarts=False)
+        one.component
+        for one in proposals
+        if one.promise >= EXCHANGE_SHARE * own and base.names | {one.component.name} not in near
+    ]
+    add_extended(base, chosen[:EXCHANGED], book, context, restarts=False)
 
 
 def exchange_difference(best: Model, component: Component, book: Book, context: SearchContext) -> None:

@@ -6,7 +6,7 @@ what promises less than nothing is not tried. What has no slope at neutral (fric
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 from sma_sim.evidence.estimation.fit_result import FitResult
@@ -23,7 +23,6 @@ from sma_sim.evidence.symbolic_regression.term_fits import terms_at
 from sma_sim.solver.simulate import SimulationError
 
 MARGIN = 3.0  # nats by which a fit may gain more than the first order promises: it moves shapes too
-TERMS_BY_PLACE = 4  # of an equation that are tried at one place
 
 
 @dataclass(frozen=True)
@@ -69,41 +68,25 @@ def differing(base: FitResult, taken: Collection[str], context: SearchContext) -
     )
 
 
-def terms(
-    base: FitResult, context: SearchContext, beside: Component | None = None, same_port: bool = False
-) -> list[Proposal]:
-    """Terms of an equation at every place, the best of each; none where the model cannot be linearised.
-
-    With a term `beside`: second ones at its place; `same_port`: others in its stead at its port.
-    """
+def terms(base: FitResult, context: SearchContext, first: Component | None = None) -> list[Proposal]:
+    """Terms of an equation at every place, or second ones where a `first` is; none where a model cannot be linearised."""
     structure = base.problem.config.structure
-    known = None if beside is None else beside.term
+    known = None if first is None else first.term
     try:
         k = overdispersion(base.problem, base.z, context.pool)
         fits = terms_at(base, k, context, (known.location.hook,) if known else ())
     except SimulationError:
         return []
-    copy = int(known is not None and not same_port)
-    if copy and known is not None:
+    if known is not None:
         fits = [fit for fit in fits if fit.location == known.location and fit.term != known.term]
     places, proposals = len({fit.location.name for fit in fits}), list[Proposal]()
     for fit in fits:
         count = sum(other.location.name == fit.location.name for other in fits)
+        candidate = as_candidate(fit, structure, int(known is not None))
         log_prior = formula_log_prior(count, places)
-        component = Component(Formula((fit,), structure.structure).name, log_prior, as_candidate(fit, structure, copy), fit)
+        component = Component(Formula((fit,), structure.structure).name, log_prior, candidate, fit)
         proposals.append(Proposal(component, 0.5 * k**2 * fit.error_reduction + log_prior))
-    return best_by_place(promising(proposals))
-
-
-def best_by_place(proposals: Sequence[Proposal]) -> list[Proposal]:
-    """The best terms, not too many of one place: neighbours of the right one, which a linear test may misorder."""
-    chosen = list[Proposal]()
-    for one in proposals:
-        at = one.component.term.location.name if one.component.term else ''
-        same = sum(other.component.term is not None and other.component.term.location.name == at for other in chosen)
-        if same < TERMS_BY_PLACE:
-            chosen.append(one)
-    return chosen
+    return promising(proposals)
 
 
 def promising(proposals: Iterable[Proposal]) -> list[Proposal]:
