@@ -150,6 +150,7 @@ def are_the_same(dataset: Dataset, other: Dataset) -> bool:
     return noise and all(
         np.allclose(a.time, b.time)
         and all(np.allclose(x[np.isfinite(x)], b.channels[name][np.isfinite(x)]) for name, x in a.channels.items())
+        and a.source.values.shape == b.source.values.shape
         and np.allclose(a.source.values, b.source.values)
         for a, b in zip(dataset.recordings, other.recordings, strict=True)
     )

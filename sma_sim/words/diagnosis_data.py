@@ -118,7 +118,7 @@ def amounts(difference: RecordingDifference, diagnosis: Diagnosis) -> Iterator[t
 
 
 def above_first(diagnosis: Diagnosis) -> dict[str, AmbientDifference]:
-    """By recording, its ambient temperature above that of the first one [K]; of held-out ones without an interval.
+    """By recording, its ambient temperature above that of the first one [K]; without an interval where there are none.
 
     All of them together can hardly be told from parameters.
     """

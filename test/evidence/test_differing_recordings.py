@@ -138,6 +138,20 @@ def test_differences_are_named_and_nothing_is_missing(recordings, words, expecte
     assert max(review.remaining.comparison.runs[-1].measured) and review.diagnosis is found
 
 
+def test_rooms_are_told_by_their_differences_with_intervals_that_hold_them():
+    """Half a kelvin between three runs, the last one held out."""
+    true = {'run1': 0.0, 'run2': 0.5, 'run3': 0.0}
+    recordings = tuple(recorded(k, T_E=298.0 + above) for k, above in enumerate(true.values()))
+    request = replace(REQUEST, options=replace(OPTIONS, intervals=True))
+    found = diagnose(sma_sim.Dataset(recordings, NOISE), sma_sim.Config(), request=request)
+    (difference,) = as_data(found)['differences']
+    assert difference['what'] == 'the ambient temperature' and found.verdict == 'none'
+    assert list(difference['above_first']) == list(true)
+    for name, there in difference['above_first'].items():
+        assert there['low'] <= true[name] <= there['high'] and there['high'] - there['low'] < 0.3
+    assert any('run2 +0.' in line and '(+0.' in line for line in as_text(found))
+
+
 def test_a_held_out_run_in_another_room_is_no_effect():
     """Nothing differs between the fitted runs, so that the room of the last one can be told when all are fitted only."""
     found = diagnosed(recorded(0), recorded(1), recorded(2), recorded(3, T_E=303.0))[1]

@@ -18,6 +18,7 @@ from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.set_up.check import faults_before_fits, thinned
 from sma_sim.evidence.set_up.faults import Fault, corrected, with_command, without_faults
 from sma_sim.evidence.set_up.mistaken_runs import copied_commands, exchanged_commands
+from sma_sim.evidence.set_up.samples import isolated, outliers
 from sma_sim.evidence.set_up.symmetry import symmetries, told_apart
 from sma_sim.solver.inputs import inputs_at
 from sma_sim.words.diagnosis_data import as_data
@@ -225,6 +226,23 @@ def test_all_outliers_are_found_and_nothing_else(size, with_gravity):
     assert fault.words.startswith('alpha has 12 isolated outliers, 2 % of its samples')
     missing = corrected(wrong, [fault]).recordings[0].channels['alpha']
     assert set(np.flatnonzero(np.isnan(missing)).tolist()) == where[wrong.recordings[0].name]
+
+
+def test_a_sample_that_lags_behind_a_change_of_the_command_is_no_outlier(runs):
+    """A model without the lag is off by 23 standard deviations in the fourth sample after a change, and bends there."""
+    problem = thinned(runs, config('hybrid'), OPTIONS)
+    run, k = problem.runs[0], problem.runs[0].channels.index('F_1')
+    time = 0.05 * np.arange(len(run.time))
+    source = module_input([0.0, 0.98, 40.0], [5.0, -9.0, -9.0])
+    rows = np.zeros_like(run.measured)
+    rows[k, 23:32] = [23.0, 10.6, -1.8, -7.8, -5.9, -6.5, -5.0, -4.0, -3.0]
+    measured = np.full_like(rows, 600.0) / np.where(run.weight > 0.0, run.weight, 1.0)
+    measured[k, 23:] -= 30.0 * np.arange(1, len(time) - 22) / run.weight[k, 23:]
+    lagging = replace(run, time=time, source=source, measured=measured)
+    assert isolated(time, rows[k])[23] and outliers(replace(problem, runs=(lagging,)), [rows]) == []
+    rows[k, 10] = 23.0
+    (found,) = outliers(replace(problem, runs=(lagging,)), [rows])
+    assert found.rows == {'run1': (10,)}
 
 
 def diagnosed(found, **options):

@@ -23,11 +23,13 @@ from sma_sim.evidence.estimation.calibrate import (
     full_problem,
 )
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
-from sma_sim.evidence.estimation.held_out_prediction import RunFit, evaluate_held_out, pooled_error
+from sma_sim.evidence.estimation.held_out_prediction import RunFit, evaluate_held_out, own_unknowns, pooled_error
+from sma_sim.evidence.estimation.levenberg_marquardt import start_point
 from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference, with_differences
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS
+from sma_sim.evidence.estimation.uncertainty import information_of, reduced_runs, uncertainty
 from sma_sim.evidence.model_selection.criteria import CRITERIA, fits_all, unexplained_above
 from sma_sim.evidence.model_selection.pooled_refit import PooledErrors, pooled_refit
 from sma_sim.evidence.model_selection.refit import refit
@@ -38,6 +40,7 @@ from sma_sim.evidence.search.posterior import EVEN, Posterior
 from sma_sim.evidence.search.refine import Model
 from sma_sim.model.config import Config
 from sma_sim.model.structures.discovery import known_structures
+from sma_sim.solver.simulate import SimulationError
 
 
 @dataclass(frozen=True)
@@ -274,7 +277,27 @@ def final_stage(data: StageData, kind: StageKind, fit: FitResult, context: Searc
     fit = fit if kind == 'formula' else from_defaults_too(fit, context)
     options = replace(data.options, free=tuple(p.name for p in fit.problem.free))
     found = final_calibration(data.training, fit, options, context)
-    return ModelStage(kind, fit.effects, found, data.predicted(found, context))
+    predicted = data.predicted(found, context)
+    return ModelStage(kind, fit.effects, with_ambient_of_held_out(found, fit, data, predicted, context), predicted)
+
+
+def with_ambient_of_held_out(
+    found: Calibration, fit: FitResult, data: StageData, predicted: Sequence[RunFit], context: SearchContext
+) -> Calibration:
+    """A calibration that knows the ambient temperatures of held-out runs too, by what all runs say of them together."""
+    known = found.uncertainty
+    if known is None or not known.ambient or data.held_out is None or context.stop.is_set():
+        return found
+    problem = full_problem(pooled(data.training, data.held_out), fit, data.options)
+    values = [*(found.values[free.name] for free in problem.free), *[found.delay][: len(problem.shared) - len(problem.free)]]
+    shared = [unknown.coordinate(value) for unknown, value in zip(problem.shared, values, strict=True)]
+    z = start_point(problem, np.array([*shared, *(x for run in (*found.runs, *predicted) for x in own_unknowns(run))]))
+    try:
+        said = reduced_runs(problem, z, context.pool, lambda run, linear: information_of(run, linear, problem.robust))
+    except SimulationError:
+        return found
+    ambient = uncertainty(problem, z, said).ambient
+    return replace(found, uncertainty=replace(known, ambient={**ambient, **known.ambient}))
 
 
 def from_defaults_too(fit: FitResult, context: SearchContext) -> FitResult:

@@ -22,6 +22,7 @@ from sma_sim.evidence.estimation.executors import run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.levenberg_marquardt import accumulated, bounded_step, normal_equations, start_point
 from sma_sim.evidence.estimation.problem import LinearizedRun, Problem, linearize, residuals_at
+from sma_sim.evidence.estimation.recording_differences import with_differences
 from sma_sim.evidence.estimation.residuals import FitData
 from sma_sim.evidence.estimation.run_subset import chosen_runs
 from sma_sim.evidence.estimation.search_context import SearchContext
@@ -99,7 +100,8 @@ def faults_before_fits(dataset: Dataset, config: Config, options: FitOptions, co
 
 def faults_after_fit(dataset: Dataset, fit: FitResult, options: FitOptions, context: SearchContext) -> tuple[Fault, ...]:
     """What shows beside a fitted model only: outliers that motion hid, and a noise that is stated too large."""
-    whole = replace(full_problem(dataset, fit, options), differences=())
+    dataset = with_differences(dataset, fit.problem.differences)
+    whole = full_problem(dataset, fit, options)
     z, shared = start_point(whole), len(whole.shared)
     z[:shared] = fit.z[:shared]
     own = {run.name: fit.z[at][shared:] for run, at in zip(fit.problem.runs, fit.problem.indices(), strict=True)}

@@ -81,13 +81,14 @@ def isolated(time: Vector, values: Vector) -> Mask:
 def stands_out(run: FitData, known: NDArray[np.int64], values: Vector, wrong: Mask) -> Mask:
     """Which of the `known` samples (k,) that are far off are no answer to a change of the command.
 
-    Just after one, at the start too, a model may be far off for a sample. There a sample counts only where what was measured
-    (`values`, in units of the noise) stands out by itself: from those before and after it, on the same side.
+    Just after one, at the start too, a model may be far off for a sample: it bends at the change, and a sample whose
+    neighbours reach back to there is not where they say. It counts only where what was measured (`values`, in units of the
+    noise) stands out by itself: from those before and after it, on the same side.
     """
     time, right = run.time[known], np.flatnonzero(~wrong)
     found = np.ones(len(known), dtype=bool)
     since = np.searchsorted(run.source.times, time, side='right')
-    before = np.searchsorted(run.source.times, time[np.maximum(np.arange(len(time)) - LONGEST, 0)], side='left')
+    before = np.searchsorted(run.source.times, time[np.maximum(np.arange(len(time)) - NEIGHBOURS // 2, 0)], side='left')
     for k in np.flatnonzero(wrong & (since > before)):
         at = np.searchsorted(right, k)
         if at == 0 or at == len(right):
