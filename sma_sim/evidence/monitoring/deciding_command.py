@@ -93,7 +93,12 @@ def extended(part: Window, column: int, power: float, duration: float) -> Window
     root = np.tile(part.root.max(axis=0), (new, 1))
     off = [(now, k, 0.0) for k in range(len(part.first) - 1) if k != column]
     changes = (*part.changes, *off, (now, column, power), (now + duration, column, 0.0))
+    none = np.zeros((new, *part.slopes.shape[1:]))
     return replace(
-        part, times=np.concatenate([part.times, times]), means=np.vstack([part.means, np.zeros((new, part.means.shape[1]))]),
-        root=np.vstack([part.root, root]), changes=changes,
-    )  # fmt: skip
+        part,
+        times=np.concatenate([part.times, times]),
+        means=np.vstack([part.means, np.zeros((new, part.means.shape[1]))]),
+        root=np.vstack([part.root, root]),
+        changes=changes,
+        slopes=np.concatenate([part.slopes, none]),
+    )

@@ -1,12 +1,21 @@
 """What has changed while a robot runs, since when, and how probable it is: the score of a diagnosis over the last minutes.
 
-The model runs from what it knows of the robot. Each cause (`causes`) begins at an instant, from the state that the model has
-then. With the residuals r of the model since the instant, and the responses s_i to steps of the cause (all over noise),
+The parameters of the model are known as a fit has left them, else as the observer takes them to be known
+(`state_estimation.uncertain`): z ~ N(0, C). While z and white noise explain the first minutes, the z that explain most are
+taken for those of the robot; what is not known of them then makes residuals correlated, with the covariance 1 + T C T' of
+the tangents T, and all that follows is in rows in which they are white. Without this a model that is some per cent off, as
+all are, would differ from its robot from the first minute on.
 
-    log p = -|r - sum a_i s_i|^2/2 - sum a_i^2/(2 A^2) - log det(1 + A^2 s s^T)/2 + log prior
+Each cause (`causes`) begins at an instant t, from the state that the model
+has then, with amounts a of its d parameters, in steps: a_i ~ N(0, A^2), t anywhere, with one change in MEAN_TIME. With the
+residuals r of the model, the response f(a, t) to the cause and the derivatives J of f in both (all over noise), the score is
+that of `sma_sim.evidence.search.score` where the cause explains most,
 
-is the score of `sma_sim.evidence.search.score` for amounts a_i ~ N(0, A^2). The causes that lead are simulated at their
-amounts, so that the response need not be linear. The prior of a change is that of one in MEAN_TIME, shared by all causes.
+    log p = -|r - f|^2/2 - |a|^2/(2 A^2) - log det(J^T J + P)/2 - d log A + log(2 pi)/2 - log MEAN_TIME + log prior,
+
+with the inverse variances P of the priors. A cause whose instant and amounts must be just so is discounted for it. Linear
+responses say where to start; the causes that lead are fitted by Levenberg and Marquardt's method, since a change that is
+large beside the noise is told by how its response bends. The prior of a change is shared by all causes.
 Something that is not listed is smooth functions of time in channels; it may be there instead of a cause, or beside one whose
 law is not quite that of the robot.
 """
@@ -17,6 +26,7 @@ import math
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -25,9 +35,10 @@ from numpy.typing import NDArray
 from sma_sim.evidence.monitoring.causes import ROOM, Cause, one_way_each
 from sma_sim.evidence.monitoring.deciding_command import ChangedModel, DecidingCommand, deciding_command
 from sma_sim.evidence.monitoring.live_model import ComparedSample
-from sma_sim.evidence.monitoring.past import BIN, CHECKPOINT, SHORTEST, STEP, Past, Window
+from sma_sim.evidence.monitoring.past import BIN, CHECKPOINT, SHORTEST, STEP, Past, Prior, Track, Window
 from sma_sim.evidence.search.posterior import TIE
 from sma_sim.evidence.search.score import SPARSITY, UNLISTED
+from sma_sim.evidence.state_estimation.uncertain import configured, prior_correlation, uncertain_parameters
 from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import package_effects
 from sma_sim.solver.model import Model
@@ -38,10 +49,18 @@ Matrix = NDArray[np.float64]
 
 MEAN_TIME = 86_400.0  # [s] between two changes of a robot, beforehand
 AMOUNT = 2.0  # standard deviation of an amount, in steps: these are a third of what is realistic
-REFINED = 4  # causes that are simulated at their amounts
-REFINEMENTS = 2  # times that they are
-EARLIER = (-STEP, 0.0, STEP, 2.0 * STEP, 4.0 * STEP, 8.0 * STEP)  # [s] than it shows, that a change may begin
-FINEST = 0.1  # [s] to which the instant of a cause is found
+PROBED = (0.5, 1.5, 4.0)  # amounts [steps] at which a cause is looked at before it is fitted
+SKETCHED, SKETCHES = 10, 4  # causes that are simulated at their amounts, and the steps of their fits
+REFINED, REFINEMENTS = 5, 12  # causes that are fitted until nothing improves, and the most steps that this takes
+EARLIER = 20.0  # [s] than it shows, that a change may begin
+INSTANTS = (0.0, 1.0, 2.0, 4.0, 8.0, 16.0)  # [s] earlier, from which a fit may start
+ONSET_STD = 10.0  # [s] of an instant that the data do not tell
+MOVED, MOVED_ONSET = 0.02, BIN  # differences of derivatives: of amounts in steps, [s]
+PARAMETER_STEP = 0.05  # of its standard deviation, by which a parameter is moved for derivatives
+CALIBRATIONS, CALIBRATED = 3, 0.05  # times that parameters are estimated anew at a look; their changes that end it
+DECREASE = 0.05  # of the log posterior, below which a fit has ended
+DAMPING, MOST_DAMPING, DAMPED = 1e-2, 1e6, 5.0  # of a step: at first, at most, and the factor of a change
+LEAST_AMOUNT, MOST_AMOUNT = 1e-3, 4.0 * AMOUNT  # [steps]: an amount does not change its sign
 UNSEEN = 0.01  # sum of the squares of a response to a step below which it tells nothing, in units of the noise
 NOTHING, NOT_LISTED = 'nothing', 'not listed'
 
@@ -115,21 +134,65 @@ def finite_or_none(value: float) -> float | None:
 
 
 @dataclass(frozen=True)
+class Comparison:
+    """A part of the past beside the model whose parameters what was before has told, as far as it has.
+
+    `base` (N,): what the model shows; `residuals` (N,): what it leaves. What is not known of the parameters makes the
+    residuals correlated, with the covariance 1 + T' T of rank P; `directions` (N, P) and `shrinks` (P,) make them white.
+    """
+
+    window: Window
+    base: Vector
+    residuals: Vector
+    directions: Matrix
+    shrinks: Vector
+
+    @staticmethod
+    def of(window: Window, base: Vector, precision: Matrix) -> Comparison:
+        """A part of the past; `precision` (P, P) of the parameters before it."""
+        spread = np.linalg.solve(np.linalg.cholesky(precision), window.tangents)
+        directions, sizes, _ = np.linalg.svd(spread.T, full_matrices=False)
+        white = Comparison(window, base, np.zeros(0), directions, 1.0 - 1.0 / np.sqrt(1.0 + sizes**2))
+        return replace(white, residuals=white.whitened(window.residuals))
+
+    def whitened(self, rows: Vector) -> Vector:
+        """Rows (N,) as white noise is."""
+        found: Vector = rows - self.directions @ (self.shrinks * (self.directions.T @ rows))
+        return found
+
+    def response(self, model: Model, nominal: Model, noise: Vector, warmer: float, onset: float) -> Vector | None:
+        """By how much more a model shows that takes the place of the nominal one; None where it cannot be run."""
+        shown = self.window.shown(model, nominal, noise, warmer, onset)
+        return None if shown is None else self.whitened(shown - self.base)
+
+
+@dataclass(frozen=True)
 class FittedCause:
-    """A cause at the amounts, in steps, at which it explains most; residuals `left` (N,), `gram` of its
-    responses; `onset` [s] after the beginning of what is looked at."""
+    """A cause at the amounts, in steps, at which it explains most; residuals `left` (N,), `responses` (d + 1, N): their
+    derivatives in the amounts and the instant; `onset` [s] after the beginning of what is looked at."""
 
     cause: Cause
     steps: Mapping[str, float]
     amounts: Vector
     left: Vector
-    gram: Matrix
+    responses: Matrix
     onset: float
+
+    @property
+    def cost(self) -> float:
+        """Minus the log posterior of amounts and instant."""
+        return 0.5 * (float(self.left @ self.left) + float(self.amounts @ self.amounts) / AMOUNT**2)
+
+    @property
+    def precision(self) -> Matrix:
+        """Inverse covariance of amounts and instant."""
+        told: Matrix = self.responses @ self.responses.T + np.diag([*np.full(len(self.amounts), AMOUNT**-2), ONSET_STD**-2])
+        return told
 
     def score(self) -> float:
         """The log posterior, but for the prior of the cause."""
-        occam = float(np.linalg.slogdet(np.eye(len(self.gram)) + AMOUNT**2 * self.gram)[1])
-        return -0.5 * (float(self.left @ self.left) + float(self.amounts @ self.amounts) / AMOUNT**2 + occam)
+        occam = float(np.linalg.slogdet(self.precision)[1]) + 2.0 * len(self.amounts) * math.log(AMOUNT)
+        return -self.cost - 0.5 * (occam - math.log(2.0 * math.pi)) - math.log(MEAN_TIME)
 
     @property
     def by_parameter(self) -> dict[str, float]:
@@ -144,16 +207,31 @@ class LiveDiagnosis:
     """
 
     def __init__(self, config: Config, causes: Sequence[Cause], noise: Vector) -> None:
-        self._config, self._causes, self._noise = config, tuple(causes), noise
-        self._model, self._probes = Model(config), dict[tuple[str, str, float], Model]()
+        self._nominal, self._causes, self._noise = config, tuple(causes), noise
+        self._free = uncertain_parameters(config)
+        self._precision: Matrix = np.asarray(np.linalg.inv(prior_correlation(config, self._free)), dtype=np.float64)
         self._lock = threading.Lock()
-        self._leading: tuple[Window, tuple[FittedCause, ...]] | None = None
         self.start(0, ())
 
     def start(self, begin: int, first: Sequence[float]) -> None:
         """Forget all: the model starts from rest at `begin` [ns] under its `first` input."""
         with self._lock:
-            self._begin, self._past, self._leading = begin, Past(first, len(self._noise)), None
+            self._begin, self._past = begin, Past(first, len(self._noise))
+            self._leading: tuple[Comparison, tuple[FittedCause, ...]] | None = None
+            self._follow(np.zeros(len(self._free)))
+
+    def _follow(self, z: Vector, track: Track | None = None) -> None:
+        """Take the parameters at coordinates z (P,) for those of the robot from now on."""
+        self._z: Vector = z
+        self._config = configured(self._nominal, self._free, z)
+        self._track = self._tracked(z) if track is None else track
+        self._model, self._probes = self._track.base, dict[tuple[str, str, float], Model]()
+
+    def _tracked(self, z: Vector) -> Track:
+        """The model at coordinates z (P,), before it has begun."""
+        points = [z, *(z + PARAMETER_STEP * np.eye(len(z)))]
+        base, *moved = (Model(configured(self._nominal, self._free, one)) for one in points)
+        return Track(base, Model(self._nominal), moved, PARAMETER_STEP, self._noise)
 
     def add(self, sample: ComparedSample, predicted: Vector, judged: bool) -> None:
         """Take a measurement beside its prediction (channels,); one that is not `judged` counts for the input alone."""
@@ -165,47 +243,78 @@ class LiveDiagnosis:
     def evaluate(self, is_stopped: Callable[[], bool] = lambda: False) -> LiveFinding | None:
         """What the past says; None while there is too little of it, when the model cannot be run, or once it is stopped."""
         with self._lock:
-            past, begin, window = self._past, self._begin, self._past.window()
-        if window is None:
+            past, begin, heard = self._past, self._begin, self._past.window()
+        if heard is None:
             return None
         try:
-            past.advance(window, self._model)
+            window = self._beside_calibrated(past, heard)
         except SimulationError:
             return None
         with self._lock:
-            past.trim()
+            past.trim(self._track.trim())
         now = begin + round(1e9 * window.end)
-        if window.smooth_evidence() <= 0.0:
+        prior = Prior(self._precision, self._z)
+        if window.explained(prior).smooth_evidence() <= 0.0:
             return LiveFinding(now, None, (self._named(None, NOTHING, 1.0),), -math.inf, window.error, window.error)
-        onset = window.onset()
+        onset = window.onset(prior)
         if window.end < onset + STEP + BIN * SHORTEST:
             return None
-        first, state = past.state_at(max(window.begin, onset - EARLIER[-1]))
-        part = window.since(first, state).without(onset, onset + STEP)
-        return self._compared(part, onset - first, now, begin + round(1e9 * first), is_stopped)
-
-    def _compared(
-        self, part: Window, onset: float, now: int, begin: int, is_stopped: Callable[[], bool]
-    ) -> LiveFinding | None:
-        """The causes that begin about `onset` s after a part of the past does, at `begin` [ns], by probability."""
+        first, state = self._track.state_at(max(window.begin, onset - EARLIER))
+        z, precision = window.before(first).told(prior)
+        part = window.since(first, state).without(onset, onset + STEP).moved(z)
         base = part.shown(self._model, self._model, self._noise)
         if base is None:
             return None
+        beside = Comparison.of(part, base, precision)
+        return self._compared(beside, onset - first, now, begin + round(1e9 * first), is_stopped)
+
+    def _beside_calibrated(self, past: Past, heard: Window) -> Window:
+        """What is left beside the model with the parameters that the first minutes tell, where these and noise explain
+        everything; else beside the model as before. Raises SimulationError."""
+        window, z = self._track.advance(heard), self._z
+        found = window
+        for _ in range(CALIBRATIONS if heard.begin == 0.0 else 0):
+            told: Vector = z + found.told(Prior(self._precision, z))[0]
+            told = np.clip(told, [one.low for one in self._free], [one.high for one in self._free])
+            moved, z = float(np.abs(told - z).max(initial=0.0)), told
+            if moved < CALIBRATED:
+                return window
+            track = self._tracked(z)
+            found = track.advance(heard)
+            if found.explained(Prior(self._precision, z)).smooth_evidence() <= 0.0:
+                with self._lock:
+                    if past is self._past:
+                        self._follow(z, track)
+                return found
+        return window
+
+    def _compared(
+        self, part: Comparison, onset: float, now: int, begin: int, is_stopped: Callable[[], bool]
+    ) -> LiveFinding | None:
+        """The causes that begin about `onset` s after a part of the past does, at `begin` [ns], by probability."""
         fitted = list[FittedCause]()
         for cause in self._causes:
             if is_stopped():
                 return None
-            fitted += self._first_order(part, base, cause, max(0.0, onset - STEP))
+            fitted += self._started(part, cause, onset)
         fitted.sort(key=lambda one: -one.score())
-        fitted = [self._from_its_instant(part, base, one, onset) for one in fitted[:REFINED]]
+        fitted = [self._from_best_instant(part, one) for one in fitted[:SKETCHED]]
+        for kept, steps in ((SKETCHED, SKETCHES), (REFINED, REFINEMENTS)):
+            leading = sorted(fitted, key=lambda one: -one.score())[:kept]
+            fitted = [self._converged(part, one, onset + STEP, steps) for one in leading if not is_stopped()]
+        if is_stopped():
+            return None
         fitted.sort(key=lambda one: -one.score())
         self._leading = part, tuple(fitted)
         change = math.log(CHECKPOINT / MEAN_TIME)
-        nothing = -0.5 * float(part.residuals @ part.residuals)
-        scores = [nothing, nothing + part.smooth_evidence() + change - UNLISTED]
-        for one in fitted:  # alone, or with what its law does not have
-            beside = np.logaddexp(0.0, part.smooth_evidence(one.left) - UNLISTED - SPARSITY)
-            scores.append(one.score() + change - math.log(len(self._causes)) + float(beside))
+        squares = float(part.residuals @ part.residuals)
+        nothing, smooth = -0.5 * squares, part.window.smooth_evidence
+        scores = [nothing, nothing + smooth(part.residuals) + change - UNLISTED]
+        for one in fitted:  # alone, or with what its law does not have: that is named which explains more
+            alone, left = one.score() - math.log(len(self._causes)), float(one.left @ one.left)
+            named = len(scores) if squares - left > left - len(one.left) else 1
+            scores.append(alone)
+            scores[named] = float(np.logaddexp(scores[named], alone + smooth(one.left) - UNLISTED - SPARSITY))
         weights = np.exp(np.array(scores) - max(scores))
         names = [NOTHING, NOT_LISTED, *(one.cause.name for one in fitted)]
         findings = [
@@ -219,8 +328,8 @@ class LiveDiagnosis:
             begin + round(1e9 * (onset if best is None else best.onset)),
             tuple(findings),
             float(np.logaddexp.reduce(scores[1:])) - nothing,
-            part.error,
-            part.error if best is None else part.error_of(best.left),
+            part.window.error_of(part.residuals),
+            part.window.error_of(part.residuals if best is None else best.left),
         )
 
     def deciding_command(self, most: Sequence[float]) -> DecidingCommand | None:
@@ -232,7 +341,7 @@ class LiveDiagnosis:
             return None
         part, (first, second, *_) = self._leading
         causes = self._changed(first), self._changed(second)
-        return deciding_command(part, self._model, causes, self._noise, most)
+        return deciding_command(part.window, self._model, causes, self._noise, most)
 
     def _changed(self, one: FittedCause) -> ChangedModel:
         values = one.by_parameter
@@ -240,22 +349,27 @@ class LiveDiagnosis:
             one.cause.name, Model(one.cause.in_config(self._config, values)), one.cause.ambient(values), one.onset
         )
 
-    def _first_order(self, part: Window, base: Vector, cause: Cause, onset: float) -> list[FittedCause]:
-        """A cause where it explains most to first order, one step of each parameter; none where no channel sees it."""
-        responses: dict[str, dict[float, Vector]] = {}
+    def _started(self, part: Comparison, cause: Cause, onset: float) -> list[FittedCause]:
+        """A cause where it explains most of some amounts of each parameter, and of those to which linear responses point;
+        none where no channel sees it. Wires have hysteresis: a small change may show nothing of a large one."""
+        linear, found = dict[str, dict[float, Vector]](), list[FittedCause]()
         for name, steps in cause.steps.items():
-            for step in steps:
-                probe, warmer = self._probe(cause, name, step), cause.ambient({name: step})
-                shown = part.shown(probe, self._model, self._noise, warmer, onset)
-                if shown is not None and float(np.sum((shown - base) ** 2)) > UNSEEN:
-                    responses.setdefault(name, {})[step] = shown - base
-        found = list[FittedCause]()
-        for chosen in one_way_each({name: tuple(by_step) for name, by_step in responses.items()}):
-            s = np.array([responses[name][step] for name, step in chosen.items()])
-            gram = s @ s.T
-            amounts = np.linalg.solve(gram + np.eye(len(s)) / AMOUNT**2, s @ part.residuals)
+            for step, amount in product(steps, PROBED):
+                probe, warmer = self._probe(cause, name, amount * step), cause.ambient({name: amount * step})
+                response = part.response(probe, self._model, self._noise, warmer, onset)
+                if response is None or float(response @ response) <= UNSEEN:
+                    continue
+                linear.setdefault(name, {}).setdefault(step, response / amount)
+                row = np.vstack([response / amount, np.zeros(len(response))])
+                found.append(FittedCause(cause, {name: step}, np.array([amount]), part.residuals - response, row, onset))
+        for chosen in one_way_each({name: tuple(by_step) for name, by_step in linear.items()}):
+            s = np.array([linear[name][step] for name, step in chosen.items()])
+            amounts = np.linalg.solve(s @ s.T + np.eye(len(s)) / AMOUNT**2, s @ part.residuals)
             if (amounts > 0.0).all():
-                found.append(FittedCause(cause, chosen, amounts, part.residuals - amounts @ s, gram, onset))
+                rows = np.vstack([s, np.zeros(s.shape[1])])
+                start = FittedCause(cause, chosen, amounts, part.residuals, rows, onset)
+                pointed = self._at(part, start, np.minimum(amounts, MOST_AMOUNT), onset)
+                found += [] if pointed is None else [pointed]
         return sorted(found, key=lambda one: -one.score())[:1]
 
     def _named(self, one: FittedCause | None, name: str, probability: float) -> CauseFinding:
@@ -273,36 +387,57 @@ class LiveDiagnosis:
             self._probes[key] = Model(cause.in_config(self._config, {name: step}))
         return self._probes[key]
 
-    def _from_its_instant(self, part: Window, base: Vector, one: FittedCause, onset: float) -> FittedCause:
-        """A cause from the instant about `onset` from which it explains most."""
-        tried = [self._refined(part, base, one, max(0.0, onset - earlier)) for earlier in EARLIER]
-        best = max(tried, key=lambda other: other.score())
-        step = 0.5 * STEP
-        while step >= FINEST:
-            near = [self._refined(part, base, best, max(0.0, best.onset + way)) for way in (-step, step)]
-            best = max([best, *near], key=lambda other: other.score())
-            step *= 0.5
-        return best
+    def _from_best_instant(self, part: Comparison, start: FittedCause) -> FittedCause:
+        """A cause from the instant, not later than where it is, from which it explains most with its amounts."""
+        onsets = {max(start.onset - earlier, 0.0) for earlier in INSTANTS}
+        tried = [self._at(part, start, start.amounts, onset) for onset in sorted(onsets)]
+        return min((one for one in (start, *tried) if one is not None), key=lambda one: one.cost)
 
-    def _refined(self, part: Window, base: Vector, one: FittedCause, onset: float) -> FittedCause:
-        """A cause that begins at `onset`, simulated at its amounts and at those to which that points; the better of both."""
-        best: FittedCause | None = None
-        amounts = one.amounts
-        for _ in range(REFINEMENTS):
-            values = scaled(one.steps, amounts)
-            model = Model(one.cause.in_config(self._config, values))
-            shown = part.shown(model, self._model, self._noise, one.cause.ambient(values), onset)
-            if shown is None:
+    def _converged(self, part: Comparison, start: FittedCause, latest: float, steps: int) -> FittedCause:
+        """A cause that begins until `latest` [s], fitted in at most so many steps; itself where it cannot be run."""
+        best = self._linear(part, self._at(part, start, start.amounts, start.onset), latest)
+        damping = DAMPING
+        for _ in range(steps if best is not None else 0):
+            assert best is not None
+            gradient = best.responses @ best.left - np.append(best.amounts / AMOUNT**2, 0.0)
+            precision = best.precision
+            while damping <= MOST_DAMPING:
+                step = np.linalg.solve(precision + damping * np.diag(np.diag(precision)), gradient)
+                amounts = np.clip(best.amounts + step[:-1], LEAST_AMOUNT, MOST_AMOUNT)
+                onset = min(max(best.onset + float(step[-1]), 0.0), latest)
+                tried = self._at(part, best, amounts, onset)
+                if tried is not None and tried.cost < best.cost:
+                    break
+                damping *= DAMPED
+            else:
                 break
-            response, left = shown - base, part.residuals - (shown - base)
-            size = float(response @ response)
-            new = replace(one, amounts=amounts, left=left, onset=onset)
-            if best is None or new.score() > best.score():
-                best = new
-            if size <= UNSEEN or float(response @ part.residuals) <= 0.0:
+            decrease, damping = best.cost - tried.cost, damping / DAMPED
+            best = self._linear(part, tried, latest)
+            if decrease < DECREASE:
                 break
-            amounts = amounts * float(response @ part.residuals) / size
-        return one if best is None else best
+        return start if best is None else best
+
+    def _at(self, part: Comparison, one: FittedCause, amounts: Vector, onset: float) -> FittedCause | None:
+        """A cause at other amounts and another instant, with the responses that it had; None where it cannot be run."""
+        values = scaled(one.steps, amounts)
+        model = Model(one.cause.in_config(self._config, values))
+        response = part.response(model, self._model, self._noise, one.cause.ambient(values), onset)
+        return None if response is None else replace(one, amounts=amounts, left=part.residuals - response, onset=onset)
+
+    def _linear(self, part: Comparison, one: FittedCause | None, latest: float) -> FittedCause | None:
+        """A cause with the derivatives of its response where it is."""
+        if one is None:
+            return None
+        rows = np.zeros((len(one.amounts) + 1, len(one.left)))
+        later = MOVED_ONSET if one.onset + MOVED_ONSET <= latest else -MOVED_ONSET
+        for j, moved in enumerate([*np.full(len(one.amounts), MOVED), later]):
+            amounts, is_onset = one.amounts.copy(), j == len(one.amounts)
+            if not is_onset:
+                amounts[j] += moved
+            beside = self._at(part, one, amounts, one.onset + moved * is_onset)
+            if beside is not None:
+                rows[j] = (one.left - beside.left) / moved
+        return replace(one, responses=rows)
 
 
 def scaled(steps: Mapping[str, float], amounts: Vector) -> dict[str, float]:

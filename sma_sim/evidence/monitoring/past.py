@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,13 +29,21 @@ STEP = 1.0  # [s] to which the instant is found at which a change begins
 SHORTEST = 20  # bins that say something
 
 
+class Prior(NamedTuple):
+    """What is known of parameters beforehand: their precision (P, P), and how far those of the model are from the mean."""
+
+    precision: Matrix
+    away: Vector
+
+
 @dataclass(frozen=True)
 class Window:
     """A part of the past. Times [s] are those since the model started.
 
-    `times` (k,): middle of every bin; `means` (k, channels): mean of the residuals of a bin over its standard error, 0 where
-    nothing was measured; `root` (k, channels): of the number of measurements; `first` input and `changes` since `begin`;
-    `state`: of the model at the beginning, if it is known.
+    `times` (k,): mean of those in every bin; `means` (k, channels): mean of the residuals of a bin over its standard error,
+    0 where nothing was measured; `root` (k, channels): of the number of measurements; `first` input and `changes` since
+    `begin`; `state`: of the model at the beginning, if it is known; `slopes` (k, P, channels): derivatives of what the model
+    shows in its parameters, over the standard errors of the bins.
     """
 
     begin: float
@@ -43,6 +52,7 @@ class Window:
     root: Matrix
     first: tuple[float, ...]
     changes: tuple[Change, ...]
+    slopes: NDArray[np.float64]
     state: Run | None = None
 
     @property
@@ -65,6 +75,27 @@ class Window:
         """The same of others (N,)."""
         return math.sqrt(float(residuals @ residuals) / max(1, len(residuals)))
 
+    @property
+    def tangents(self) -> Matrix:
+        """Derivatives of `residuals` in the parameters, with another sign (P, N)."""
+        found: Matrix = np.moveaxis(self.slopes, 1, 0)[:, self.root > 0.0]
+        return found
+
+    def told(self, prior: Prior) -> tuple[Vector, Matrix]:
+        """By how much other parameters (P,) explain most, and their precision (P, P) then."""
+        tangents = self.tangents
+        precision = prior.precision + tangents @ tangents.T
+        found: Vector = np.linalg.solve(precision, tangents @ self.residuals - prior.precision @ prior.away)
+        return found, precision
+
+    def moved(self, z: Vector) -> Window:
+        """What is left beside the model at other parameters (P,), to first order."""
+        return replace(self, means=self.means - np.einsum('kpc,p->kc', self.slopes, z))
+
+    def explained(self, prior: Prior) -> Window:
+        """What is left beside the model at the parameters that explain most."""
+        return self.moved(self.told(prior)[0])
+
     def smooth_evidence(self, residuals: Vector | None = None) -> float:
         """The log Bayes factor of smooth functions of time in some channels beside white noise; of others than `residuals`.
 
@@ -78,29 +109,32 @@ class Window:
         ]
         return float(np.sum(np.logaddexp(0.0, found) - math.log(2.0)))
 
-    def onset(self) -> float:
-        """The last instant up to which white noise explains what is left, to STEP [s]."""
+    def onset(self, prior: Prior) -> float:
+        """The last instant up to which parameters and white noise explain what is left, to STEP [s]."""
         found = self.begin
         for step in (CHECKPOINT, STEP):
             for instant in np.arange(found + step, self.end, step):
-                if not self.is_white_before(float(instant)):
+                if not self.is_white_before(float(instant), prior):
                     break
                 found = float(instant)
         return found
 
-    def is_white_before(self, instant: float) -> bool:
-        """Whether white noise explains what is left up to an instant [s]; also where there is too little to tell."""
+    def is_white_before(self, instant: float, prior: Prior) -> bool:
+        """Whether parameters and white noise explain what is left until an instant [s]; also where too little is known."""
+        before = self.before(instant)
+        return len(before.times) < SHORTEST or before.explained(prior).smooth_evidence() <= 0.0
+
+    def before(self, instant: float) -> Window:
+        """What is earlier than an instant [s]."""
         kept = self.times < instant
-        if kept.sum() < SHORTEST:
-            return True
-        return replace(self, times=self.times[kept], means=self.means[kept], root=self.root[kept]).smooth_evidence() <= 0.0
+        return replace(self, times=self.times[kept], means=self.means[kept], root=self.root[kept], slopes=self.slopes[kept])
 
     def without(self, begin: float, end: float) -> Window:
         """The same but for what was measured in between: a sensor that jumps within a bin shows what it never showed."""
         between = (self.times > begin - BIN) & (self.times < end + BIN)
-        root, means = self.root.copy(), self.means.copy()
-        root[between], means[between] = 0.0, 0.0
-        return replace(self, root=root, means=means)
+        root, means, slopes = self.root.copy(), self.means.copy(), self.slopes.copy()
+        root[between], means[between], slopes[between] = 0.0, 0.0, 0.0
+        return replace(self, root=root, means=means, slopes=slopes)
 
     def since(self, begin: float, state: Run | None) -> Window:
         """What comes later, with the `state` of the model there."""
@@ -109,7 +143,9 @@ class Window:
             if t <= begin:
                 first[column] = value
         changes = tuple(change for change in self.changes if change[0] > begin)
-        return Window(begin, self.times[kept], self.means[kept], self.root[kept], tuple(first), changes, state)
+        return Window(
+            begin, self.times[kept], self.means[kept], self.root[kept], tuple(first), changes, self.slopes[kept], state
+        )
 
     def input(self, model: Model, until: float, warmer: float = 0.0) -> Input:
         """The input from the beginning on, which is its time 0; `warmer`: by how much T_E is another one [K]."""
@@ -131,6 +167,7 @@ class Window:
         None where it cannot be run.
         """
         try:
+            onset = self.begin + onset - self.begin  # as the input has it, to rounding
             if onset > 0.0:
                 early = self.times[self.times - self.begin <= onset] - self.begin
                 run = simulate(base, self.input(base, self.begin + onset), np.union1d(early, onset), progress=ignore,
@@ -163,8 +200,8 @@ class Past:
         self._changes: list[Change] = []
         self._sums: dict[int, Vector] = {}
         self._counts: dict[int, Vector] = {}
+        self._moments: dict[int, list[float]] = {}  # sum of the times of a bin, and how many
         self._channels = channels
-        self._states: list[tuple[float, Run | None]] = [(0.0, None)]
 
     def add(self, t: float, changes: Sequence[Change], ratio: Vector) -> None:
         """Take residuals over noise (channels,) at time t [s], NaN where nothing was measured, and what changed before."""
@@ -172,6 +209,9 @@ class Past:
         number, known = int(t / BIN), ~np.isnan(ratio)
         if known.any():
             zero = np.zeros(self._channels)
+            moment = self._moments.setdefault(number, [0.0, 0])
+            moment[0] += t
+            moment[1] += 1
             self._sums[number] = self._sums.get(number, zero) + np.where(known, ratio, 0.0)
             self._counts[number] = self._counts.get(number, zero) + known
 
@@ -183,34 +223,88 @@ class Past:
         counts = np.array([self._counts[number] for number in numbers])
         root = np.sqrt(counts)
         means = np.array([self._sums[number] for number in numbers]) / np.maximum(root, 1.0)
-        times = (np.array(numbers) + 0.5) * BIN
-        return Window(self._begin, times, means, root, tuple(self._first), tuple(sorted(self._changes)))
+        times = np.array([self._moments[number][0] / self._moments[number][1] for number in numbers])
+        none = np.zeros((len(numbers), 0, self._channels))
+        return Window(self._begin, times, means, root, tuple(self._first), tuple(sorted(self._changes)), none)
 
-    def advance(self, window: Window, model: Model) -> None:
-        """Keep the states of the model on the way to the end of a window. Raises SimulationError."""
-        while self._states[-1][0] + CHECKPOINT <= window.end:
-            begin, state = self._states[-1]
-            after = begin + CHECKPOINT
-            source = window.since(begin, state).input(model, after)
-            run = simulate(model, source, [CHECKPOINT], progress=ignore, initial_state=state)
-            if not run.completed or run.state is None:
-                raise SimulationError(run.reason)
-            self._states.append((after, shifted(run.state, CHECKPOINT)))
-
-    def state_at(self, instant: float) -> tuple[float, Run | None]:
-        """The last instant up to a given one at which the state of the model is known, and that state; None at the start."""
-        return next(known for known in reversed(self._states) if known[0] <= instant + 1e-6)
-
-    def trim(self) -> None:
-        """Forget what is older than SPAN, where the state of the model is known."""
-        self._states = [one for one in self._states if one[0] >= self._states[-1][0] - SPAN]
-        self._begin = begin = self._states[0][0]
+    def trim(self, begin: float) -> None:
+        """Forget what is older than an instant [s]."""
+        self._begin = begin
         for t, column, value in sorted(self._changes):
             if t <= begin:
                 self._first[column] = value
         self._changes = [change for change in self._changes if change[0] > begin]
         for number in [number for number in self._sums if (number + 1) * BIN <= begin]:
-            del self._sums[number], self._counts[number]
+            del self._sums[number], self._counts[number], self._moments[number]
+
+
+class Track:
+    """A model on its way along a past, and the models with each parameter moved by `step` in its unit.
+
+    `nominal` is the model that measurements were compared with; `noise` (channels,) in SI units.
+    """
+
+    def __init__(self, base: Model, nominal: Model, moved: Sequence[Model], step: float, noise: Vector) -> None:
+        self.base, self._nominal, self._moved, self._step, self._noise = base, nominal, tuple(moved), step, noise
+        self._states: list[tuple[float, Run | None]] = [(0.0, None)]
+        self._beside: list[Run | None] = [None] * (1 + len(self._moved))  # of the nominal and the moved ones, at the last
+        self._shown: dict[int, Matrix] = {}  # by bin (1 + P, channels) over noise: more than the nominal, derivatives
+
+    @property
+    def kept_since(self) -> float:
+        """The first instant at which the state is known that begins at most SPAN before the last one [s]."""
+        return next(t for t, _ in self._states if t >= self._states[-1][0] - SPAN)
+
+    def trim(self) -> float:
+        """Forget what is older than SPAN; since when the rest is [s]."""
+        begin = self.kept_since
+        self._states = [one for one in self._states if one[0] >= begin]
+        self._shown = {number: rows for number, rows in self._shown.items() if (number + 1) * BIN > begin}
+        return begin
+
+    def advance(self, window: Window) -> Window:
+        """Keep the states of the models on the way to the end of a window, which is returned as it is beside the model
+        and with derivatives in the parameters. Raises SimulationError."""
+        while self._states[-1][0] + CHECKPOINT <= window.end:
+            begin, state = self._states[-1]
+            rows, base, self._beside = self._stretch(window, begin + CHECKPOINT)
+            self._shown |= rows
+            self._states.append((begin + CHECKPOINT, base))
+        rows, _, _ = self._stretch(window, window.end + BIN)
+        known, none = self._shown | rows, np.zeros((1 + len(self._moved), len(self._noise)))  # none: of a late measurement
+        shown = np.array([known.get(number, none) for number in (window.times / BIN).astype(int).tolist()])
+        shown = np.where(window.root[:, None, :] > 0.0, shown * window.root[:, None, :], 0.0)
+        return replace(window, means=window.means - shown[:, 0], slopes=shown[:, 1:])
+
+    def _stretch(self, window: Window, end: float) -> tuple[dict[int, Matrix], Run, list[Run | None]]:
+        """What models show until `end` [s] by bin, and the states of the base and of those beside it then."""
+        begin, state = self._states[-1]
+        inside = (window.times >= begin) & (window.times < end)
+        times, later = window.times[inside] - begin, window.since(begin, state)
+        asked = np.union1d(times, end - begin)
+        found, states = [], []
+        for model, before in zip((self.base, self._nominal, *self._moved), (state, *self._beside), strict=True):
+            run = simulate(
+                model,
+                later.input(model, end),
+                asked,
+                progress=ignore,
+                initial_state=before,
+                channels=model.structure.channels,
+            )
+            if not run.completed or run.state is None:
+                raise SimulationError(run.reason)
+            values = np.column_stack([run.columns[name][: len(times)] for name in model.structure.channel_columns])
+            found.append(values / self._noise)
+            states.append(shifted(run.state, end - begin))
+        base, nominal, *moved = found
+        rows = np.array([base - nominal, *((one - base) / self._step for one in moved)])
+        numbers = (window.times[inside] / BIN).astype(int).tolist()
+        return dict(zip(numbers, np.moveaxis(rows, 0, 1), strict=True)), states[0], [*states[1:]]
+
+    def state_at(self, instant: float) -> tuple[float, Run | None]:
+        """The last instant up to a given one at which the state of the model is known, and that state; None at the start."""
+        return next(known for known in reversed(self._states) if known[0] <= instant + 1e-6)
 
 
 def ignore(share: float) -> None:
