@@ -85,8 +85,8 @@ class Window:
         """By how much other parameters (P,) explain most, and their precision (P, P) then."""
         tangents = self.tangents
         precision = prior.precision + tangents @ tangents.T
-        found: Vector = np.linalg.solve(precision, tangents @ self.residuals - prior.precision @ prior.away)
-        return found, precision
+        away = tangents @ self.residuals - prior.precision @ prior.away
+        return np.asarray(np.linalg.solve(precision, away), dtype=np.float64), precision
 
     def moved(self, z: Vector) -> Window:
         """What is left beside the model at other parameters (P,), to first order."""
