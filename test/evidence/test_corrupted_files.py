@@ -57,14 +57,20 @@ def test_folders_without_recordings(tmp_path):
 @pytest.mark.parametrize(
     ('text', 'words'),
     [
-        ('{', 'is not JSON'), ('[]', 'expected {"noise_std"'), ('{"noise_std": 3}', 'expected {"noise_std"'),
-        ('{"noise_std": {"beta": 1}}', 'unknown channel beta'), ('{"noise_std": {"alpha": 0}}', 'expected a positive'),
-        ('{"noise_std": {"alpha": -1}}', 'expected a positive'), ('{"noise_std": {"alpha": "big"}}', "got 'big'"),
-        ('{"noise_std": {"alpha": NaN}}', 'expected a positive'), ('{"noise_std": {"alpha": true}}', 'expected a positive'),
-        ('{"noise_std": {"alpha": Infinity}}', 'expected a positive'), ('\x00', 'is not JSON'),
+        ('{', 'is not JSON'),
+        ('[]', 'expected {"noise_std"'),
+        ('{"noise_std": 3}', 'expected {"noise_std"'),
+        ('{"noise_std": {"beta": 1}}', 'unknown channel beta'),
+        ('{"noise_std": {"alpha": 0}}', 'expected a positive'),
+        ('{"noise_std": {"alpha": -1}}', 'expected a positive'),
+        ('{"noise_std": {"alpha": "big"}}', "got 'big'"),
+        ('{"noise_std": {"alpha": NaN}}', 'expected a positive'),
+        ('{"noise_std": {"alpha": true}}', 'expected a positive'),
+        ('{"noise_std": {"alpha": Infinity}}', 'expected a positive'),
+        ('\x00', 'is not JSON'),
         ('[' * 100000, 'is not JSON'),
     ],
-)  # fmt: skip
+)
 def test_wrong_meta(tmp_path, text, words):
     write(tmp_path, TEXT)
     (tmp_path / 'meta.json').write_text(text)
@@ -76,21 +82,27 @@ def test_wrong_meta(tmp_path, text, words):
 @pytest.mark.parametrize(
     ('text', 'words'),
     [
-        ('', 'expected lines such as'), ('- a\n', 'expected lines such as'),
-        ('a: [', 'is not YAML'), ('\x00', 'is not YAML'),
-        ('alpha: a\n', 'unknown column alpha (meant alpha_rad?)'), ('system: robot\n', "got 'robot'"),
-        ('system: wire\n', 'is for --system wire'), ('strain: s\n', 'a module has no column strain'),
-        ('alpha_rad: 3\n', 'expected {column: NAME'), ('alpha_rad: {}\n', 'expected {column: NAME'),
+        ('', 'expected lines such as'),
+        ('- a\n', 'expected lines such as'),
+        ('a: [', 'is not YAML'),
+        ('\x00', 'is not YAML'),
+        ('alpha: a\n', 'unknown column alpha (meant alpha_rad?)'),
+        ('system: robot\n', "got 'robot'"),
+        ('system: wire\n', 'is for --system wire'),
+        ('strain: s\n', 'a module has no column strain'),
+        ('alpha_rad: 3\n', 'expected {column: NAME'),
+        ('alpha_rad: {}\n', 'expected {column: NAME'),
         ('alpha_rad: {column: a, value: 1}\n', 'expected {column: NAME'),
         ('alpha_rad: {column: a, factor: 1}\n', "unknown 'factor'"),
         ('alpha_rad: {column: a, scale: much}\n', 'scale: expected a number'),
         ('alpha_rad: {column: a, scale: 0}\n', 'other than 0'),
         ('alpha_rad: {column: a, scale: .nan}\n', 'scale: expected a number'),
         ('T_E_K: {value: true}\n', 'value: expected a number'),
-        ('T_E_K: {value: 1, scale: 2}\n', 'SI units already'), ('alpha_rad: angle\n', 'run.csv has no column angle'),
+        ('T_E_K: {value: 1, scale: 2}\n', 'SI units already'),
+        ('alpha_rad: angle\n', 'run.csv has no column angle'),
         ('alpha_rad: alpha_radd\n', 'meant alpha_rad?'),
     ],
-)  # fmt: skip
+)
 def test_wrong_maps(tmp_path, text, words):
     path = write(tmp_path, TEXT)
     mapping = tmp_path / 'map.yaml'

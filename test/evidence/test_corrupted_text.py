@@ -40,12 +40,17 @@ def test_doubled_column(tmp_path, column):
 @pytest.mark.parametrize(
     ('column', 'scale', 'offset', 'looks'),
     [
-        ('alpha_rad', 180.0 / np.pi, 0.0, 'degrees'), ('T_1_K', 1.0, -273.15, 'degrees Celsius'),
-        ('T_2_K', 1.0, -273.15, 'degrees Celsius'), ('T_E_K', 1.0, -273.15, 'degrees Celsius'),
-        ('U_y_m', 1e3, 0.0, 'millimetres'), ('U_x_m', 1e6, 0.0, 'millimetres'), ('J_eq_W', 1e3, 0.0, 'milliwatts'),
-        ('time_s', 1e9, 0.0, 'nanoseconds'), ('T_1_K', 1e3, 0.0, 'another unit'),
+        ('alpha_rad', 180.0 / np.pi, 0.0, 'degrees'),
+        ('T_1_K', 1.0, -273.15, 'degrees Celsius'),
+        ('T_2_K', 1.0, -273.15, 'degrees Celsius'),
+        ('T_E_K', 1.0, -273.15, 'degrees Celsius'),
+        ('U_y_m', 1e3, 0.0, 'millimetres'),
+        ('U_x_m', 1e6, 0.0, 'millimetres'),
+        ('J_eq_W', 1e3, 0.0, 'milliwatts'),
+        ('time_s', 1e9, 0.0, 'nanoseconds'),
+        ('T_1_K', 1e3, 0.0, 'another unit'),
     ],
-)  # fmt: skip
+)
 def test_wrong_units(tmp_path, column, scale, offset, looks):
     header, rows = cells_of(TRUTH | {column: TRUTH[column] * scale + offset})
     refused(write(tmp_path, text_of(header, rows)), f'column {column}', looks, 'a map (--map) can convert')
@@ -111,17 +116,34 @@ def test_garbage_after_a_good_header(tmp_path, seed):
 @pytest.mark.parametrize(
     'content',
     [
-        b'', b'\n', b'   \n', b'\xef\xbb\xbf', b'\x00' * 100, TEXT.encode('utf-16-le'), TEXT.encode('utf-32'),
+        b'',
+        b'\n',
+        b'   \n',
+        b'\xef\xbb\xbf',
+        b'\x00' * 100,
+        TEXT.encode('utf-16-le'),
+        TEXT.encode('utf-32'),
         b'\x1f\x8b\x08\x00' * 50,
-        b'\x89PNG\r\n\x1a\n' * 20, b'PK\x03\x04' * 20, b'{"time_s": [0, 1]}', b'time_s,J_eq_W,alpha_rad\n', b',' * 1000,
-        b'time_s,J_eq_W,alpha_rad\n0,0,0\n', b'time_s,J_eq_W,alpha_rad\n' + b'1' * 3_000_000, b'a' * 3_000_000,
-        b'time_s,J_eq_W,alpha_rad\n"0,0,0\n1,0,0\n', b'time_s,J_eq_W,alpha_rad\n0,0,0\n0,0,0\n0,0,0\n',
-        b'time_s,J_eq_W,alpha_rad\n,0,0\n,0,0\n', b'time_s,J_eq_W,alpha_rad\n0,,0\n1,,0\n', b'time_s,J_eq_W\n0,0\n1,0\n',
-        b'time_s,J_eq_W,alpha_rad\n0,0,\n1,0,\n', b'time_s,J_eq_W,alpha_rad\n0,0,inf\n1,0,inf\n',
+        b'\x89PNG\r\n\x1a\n' * 20,
+        b'PK\x03\x04' * 20,
+        b'{"time_s": [0, 1]}',
+        b'time_s,J_eq_W,alpha_rad\n',
+        b',' * 1000,
+        b'time_s,J_eq_W,alpha_rad\n0,0,0\n',
+        b'time_s,J_eq_W,alpha_rad\n' + b'1' * 3_000_000,
+        b'a' * 3_000_000,
+        b'time_s,J_eq_W,alpha_rad\n"0,0,0\n1,0,0\n',
+        b'time_s,J_eq_W,alpha_rad\n0,0,0\n0,0,0\n0,0,0\n',
+        b'time_s,J_eq_W,alpha_rad\n,0,0\n,0,0\n',
+        b'time_s,J_eq_W,alpha_rad\n0,,0\n1,,0\n',
+        b'time_s,J_eq_W\n0,0\n1,0\n',
+        b'time_s,J_eq_W,alpha_rad\n0,0,\n1,0,\n',
+        b'time_s,J_eq_W,alpha_rad\n0,0,inf\n1,0,inf\n',
         b'time_s,strain,J_W\n0,0,0\n1,0,0\n',
-        b'time_s,J_eq_W,alpha_rad\n\x00,0,0\n1,0,0\n', b'time_s,J_eq_W,T_1_K\n0,0,-5\n1,0,-5\n',
+        b'time_s,J_eq_W,alpha_rad\n\x00,0,0\n1,0,0\n',
+        b'time_s,J_eq_W,T_1_K\n0,0,-5\n1,0,-5\n',
         b'time_s,J_eq_W,alpha_rad\ninf,0,0\ninf,0,0\n',
     ],
-)  # fmt: skip
+)
 def test_hopeless(tmp_path, content):
     refused(write(tmp_path, content))

@@ -161,7 +161,7 @@ def is_content(line: str) -> bool:
 
 def first_of_table(path: Path, lines: Sequence[str]) -> int:
     """Which of the lines with content has the names of the columns: the first above rows of as many numbers as it has names;
-    line 0 where there are no such rows. Raises UserError where that would pass over numbers."""  # fmt: skip
+    line 0 where there are no such rows. Raises UserError where that would pass over numbers."""
     for k, line in enumerate(lines):
         separator = separator_of(line, lines[k + 1] if k + 1 < len(lines) else '')
         header = cells_of_line(line, separator)
