@@ -283,3 +283,29 @@ def test_a_users_structure_is_known_by_the_terms():
     """The effect file of a formula names the user's structure, and compiles with it."""
     config = Config(ROCKER.structure.default_values, 'rocker', own_structure=ROCKER)
     assert universal_term('structure_force', False, config.structure).found.effect.systems == ('rocker',)
+
+
+@pytest.mark.slow
+def test_what_a_coil_lacks_is_found_by_its_stroke_and_force():
+    """A coil lifts a weight; its cooling grows with its temperature, which the nominal model, some per cent off, lacks."""
+    path, noise = Path(__file__).parents[2] / 'examples' / 'coil' / 'weight.yaml', {'stroke': 5e-5, 'F': 2e-3}
+    nominal, runs, times = read_config(path), [], np.arange(0.0, 45.0, 0.05)
+    off = {'wire.lambda': 0.93, 'wire.sigma_T': 1.05, 'wire.c_V': 1.06, 'wire.dsigma': 0.95}
+    true = Model(
+        read_config(path, effects=('natural_convection',)).variant(
+            {name: factor * nominal.parameters[name] for name, factor in off.items()}
+        )
+    )
+    for k in range(3):
+        random = np.random.default_rng(k)
+        changes = np.sort(random.uniform(0.5, 36.0, 6))
+        power = np.concatenate([[0.0], random.uniform(1.0, 3.2, 5) * [1.0, 0.0, 1.0, 0.4, 1.0], [0.0, 0.0]])
+        values = np.column_stack([power, np.full(8, 298.0)])
+        source = Input(np.concatenate([[0.0], changes, [45.0]]), values, (False, False), true.structure.input_columns)
+        run = simulate(true, source, times)
+        shown = {'stroke': run['stroke_m'], 'F': run['F_N']}
+        noisy = {name: values + noise[name] * random.normal(size=len(times)) for name, values in shown.items()}
+        runs.append(Recording(f'run{k}', 'coil', times, noisy, source, exact_commands=True))
+    found = diagnose(Dataset(tuple(runs), noise), nominal, request=DiagnosisRequest('hybrid', equation=False))
+    assert found.verdict == 'missing_effect' and found.effects == ('natural_convection',)
+    assert found.stages[-1].held_out < 1.05

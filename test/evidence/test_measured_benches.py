@@ -48,10 +48,14 @@ def test_a_blocked_element_is_explained_to_its_floor():
 @pytest.mark.slow
 @pytest.mark.parametrize('held_out', ['step01', 'ramp01', 'step02'])
 def test_a_slider_lacks_the_same_whichever_run_is_held_out(held_out):
-    """step01 and ramp01 never cool: with step02 held out, what its prediction needs is told by their heating alone."""
+    """Gradual transformation and thermal expansion, though step01 and ramp01 never cool. Without ramp01 the gradual transformation
+    of a polycrystal is as probable."""
     example = EXAMPLES / 'slider'
     dataset = recorded('slider', ['step01.csv', 'ramp01.csv', 'step02.csv'], 'slider', example / 'map.yaml')
     training, held = split_dataset(dataset, [held_out])
     request = DiagnosisRequest(kinetics='hybrid', equation=False)
     found = diagnose(training, read_config(example / 'config.yaml'), held, request)
-    assert {'smooth_transformation', 'thermal_expansion'} <= set(found.posterior.best.names)
+    best = found.posterior.best
+    tied = [best, *found.posterior.rivals(found.posterior.models, best)]
+    assert any({'smooth_transformation', 'thermal_expansion'} <= model.names for model in tied)
+    assert 'thermal_expansion' in best.names and found.stages[-1].held_out < 0.75 * found.nominal.held_out
