@@ -48,8 +48,8 @@ def test_a_blocked_element_is_explained_to_its_floor():
 @pytest.mark.slow
 @pytest.mark.parametrize('held_out', ['step01', 'ramp01', 'step02'])
 def test_a_slider_lacks_the_same_whichever_run_is_held_out(held_out):
-    """Gradual transformation and thermal expansion, though step01 and ramp01 never cool. Without ramp01 the gradual transformation
-    of a polycrystal is as probable."""
+    """Gradual transformation and thermal expansion, though step01 and ramp01 never cool. Without ramp01 that of a
+    polycrystal is as probable."""
     example = EXAMPLES / 'slider'
     dataset = recorded('slider', ['step01.csv', 'ramp01.csv', 'step02.csv'], 'slider', example / 'map.yaml')
     training, held = split_dataset(dataset, [held_out])
