@@ -3,10 +3,9 @@
     python benchmarks/control.py [--robots 20] [--first 0] [--seconds 20] [--file control.jsonl] [--minutes 60]
 
 A robot has MAS kinetics, the parameters of a challenge (each off by 5 to 15 %), noisy sensors of its pose, and one hidden
-effect that the library has. The target is a sum of two sines with a few moves between levels. Every controller is behind the
-same guard, whose observer has the nominal model. Models are the nominal one (the data sheet) and
-the improved one: with the effect that was hidden, calibrated on three recordings of the robot, as `sma-sim diagnose` writes
-it once it has found the effect.
+effect that the library has. The target is a sum of two sines. Every controller is behind the same guard, whose observer has
+the nominal model. Models are the nominal one (the data sheet) and the improved one: with the effect that was hidden,
+calibrated on three recordings of the robot, as `sma-sim diagnose` writes it once it has found the effect.
 
 The PI controller is tuned on the robot itself, not on a model, for the smallest error along another target of the same kind:
 by a grid of gains, then a finer one about the best. The one beside the feedforward has the package's gains. Finished robots
@@ -60,7 +59,7 @@ class Followed(NamedTuple):
 
 
 def target_of(seed: int, which: int) -> Target:
-    """A target of the angle [rad]: smooth, with rests, and with a start from rest."""
+    """A target of the angle [rad]: two sines, with a start from rest."""
     random = np.random.default_rng([seed, which, 17])
     periods, phases = random.uniform(*PERIODS, 2), random.uniform(0.0, 2.0 * np.pi, 2)
     share = random.uniform(0.4, 0.7)
