@@ -109,6 +109,28 @@ def test_a_sketch_ends_near_the_refit_for_a_part_of_its_runs(with_gravity, monke
     assert 2 * (of_sketches - shared) < counts['runs']
 
 
+def test_sketches_that_cannot_come_below_others_are_given_up(with_gravity, monkeypatch):
+    base = with_gravity[1].selection_steps[0].base
+    counts, evaluate = Counter(), problem_module.weighted_residuals
+
+    def counted(*arguments):
+        counts['runs'] += 1
+        return evaluate(*arguments)
+
+    with ThreadPoolExecutor(1) as pool:
+        context = SearchContext(pool, Event())
+        screened = screen(base.problem, base.z, candidates_for(config()), pool)[:4]
+        monkeypatch.setattr(problem_module, 'weighted_residuals', counted)
+        whole = sketched(base, screened, context)
+        without = counts.pop('runs')
+        found = sketched(base, screened, context, kept=1)
+        assert counts.pop('runs') < without
+        least = min(sketches[0].cost for sketches in whole)
+        assert min(sketches[0].cost for sketches in found) == least
+        few = sketched(base, screened, context, target=0.0)
+    assert sum(fit.iterations for fits in few for fit in fits) < sum(fit.iterations for fits in whole for fit in fits)
+
+
 def test_a_second_look_begins_some_way_from_nothing():
     by_name = {one.name: one for one in candidates_for(config())}
     step = by_name['thermal_crosstalk'].families[0][0]

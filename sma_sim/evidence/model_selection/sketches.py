@@ -71,33 +71,47 @@ def at_defaults(problem: Problem) -> Vector:
 
 
 def sketched(
-    base: FitResult, candidates: Sequence[ScreeningResult], context: SearchContext, target: float = inf
+    base: FitResult,
+    candidates: Sequence[ScreeningResult],
+    context: SearchContext,
+    target: float = inf,
+    kept: int | None = None,
 ) -> list[list[FitResult]]:
     """By candidate, its sketches: from the fit without it, and from the middle of all priors; the best first.
 
     A model that lacks an effect bends its other parameters far from their values; the way back is not always downhill.
+    Sketches that fall too slowly to reach the cost `target` are given up, second ones also if they cannot come below the
+    first one of their candidate, or of the candidates that lie lowest, of which so many are `kept`.
     """
-    by_start = [
-        sketches_from(start, damping, candidates, context, target)
-        for start, damping in ((base, ADDED_EFFECT.damping), (at_prior_means(base), FROM_PRIORS.damping))
-    ]
+    targets = [target] * len(candidates)
+    first = sketches_from(base, ADDED_EFFECT.damping, candidates, context, targets)
+    costs = [inf if fit is None else fit.cost for fit in first]
+    least = sorted(costs)[:kept][-1:] if kept is not None else []
+    targets = [min([target, cost, *least]) for cost in costs]
+    second = sketches_from(at_prior_means(base), FROM_PRIORS.damping, candidates, context, targets)
     return [
-        sorted((fit for fit in fits if fit is not None), key=lambda fit: fit.cost) for fits in zip(*by_start, strict=True)
+        sorted((fit for fit in fits if fit is not None), key=lambda fit: fit.cost)
+        for fits in zip(first, second, strict=True)
     ]
 
 
 def sketches_from(
-    start: FitResult, damping: float, candidates: Sequence[ScreeningResult], context: SearchContext, target: float = inf
+    start: FitResult,
+    damping: float,
+    candidates: Sequence[ScreeningResult],
+    context: SearchContext,
+    targets: Sequence[float],
 ) -> list[FitResult | None]:
     """By candidate, its sketch from one point of the model without it; None where that cannot be run.
 
-    One that falls too slowly to reach the cost `target` is given up.
+    One that falls too slowly to reach its target, a cost, is given up.
     """
     try:
         linear = linearize(start.problem, start.z, context.pool)
     except SimulationError:
         return [None] * len(candidates)
-    jobs = [partial(sketch, start, linear, (damping, target), one, context) for one in candidates]
+    pairs = zip(candidates, targets, strict=True)
+    jobs = [partial(sketch, start, linear, (damping, target), one, context) for one, target in pairs]
     return run_in_threads(jobs, context.stop)
 
 

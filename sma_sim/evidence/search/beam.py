@@ -73,6 +73,11 @@ class Book:
         """The better of the models with these components."""
         return next((model for model in self.ranked(len(names)) if model.names == names), None)
 
+    def reach(self, size: int | None = None) -> float:
+        """The cost from which on a model has no weight beside those that there are, or those of a number of components."""
+        k = self.overdispersion
+        return min((model.reach(k) for model in self.ranked(size)), default=inf)
+
     def ranked(self, size: int | None = None) -> list[Model]:
         """Models by score, the best first; of a number of components, if one is given."""
         k = self.overdispersion
@@ -213,7 +218,9 @@ def add_extended(
     if not components or context.stop.is_set():
         return []
     context.on_progress(f'fitting {", ".join(component.name for component in components)}')
-    found = book.add(extended(parent, components, context, restarts, reached))
+    is_equation = any(one.is_formula for one in components)  # no step on the way to another model, as effects are
+    target = book.reach(None if is_equation else len(parent.components) + 1)
+    found = book.add(extended(parent, components, context, restarts, reached, target))
     for model in found:
         report_model('candidate', model.fit, context)
     try_kinetics(book, context)

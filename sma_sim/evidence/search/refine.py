@@ -86,6 +86,10 @@ class Model:
         own = self.fit.problem.tempering
         return own**2 * self.evidence.gain(own)
 
+    def reach(self, k: float) -> float:
+        """The cost from which on another model has no weight beside this one: twice the window, as volumes differ too."""
+        return self.fit.cost + 2.0 * WINDOW * k**2
+
 
 def model_of(components: Sequence[Component], fits: Sequence[FitResult | None], context: SearchContext) -> Model | None:
     """The best of several fits of one set of components; None where none could be made.
@@ -115,21 +119,31 @@ def better(model: Model, other: Model | None) -> Model:
 
 
 def extended(
-    parent: Model, components: Sequence[Component], context: SearchContext, restarts: bool = True, reached: float = inf
+    parent: Model,
+    components: Sequence[Component],
+    context: SearchContext,
+    restarts: bool = True,
+    reached: float = inf,
+    target: float = inf,
 ) -> list[Model]:
     """The models with one component more, each fitted: those that sketches rank first, below the cost `reached`; the best
-    (`restarts`) from further starts until one leaves nothing, given up where they cannot come near."""  # fmt: skip
-    leading = best_by_sketch(parent.fit, components, context, reached)
-    fits = run_in_threads([partial(refit, problem, z, context) for _, problem, z in leading], context.stop)
-    first = [
-        model for (component, _, _), fit in zip(leading, fits, strict=True)
-        if (model := model_of((*parent.components, component), [fit], context)) is not None
-    ]  # fmt: skip
+    (`restarts`) from further starts until one leaves nothing.
+
+    Fits that fall too slowly to come down to the cost `target`, or near those before them, are given up.
+    """
+    first = list[Model]()
+    leading = best_by_sketch(parent.fit, components, context, reached, target)
+    for group in (leading[:1], leading[1:]):  # the one after the other: what the first has reached tells which are hopeless
+        limit = min([target, *(one.reach(one.evidence.overdispersion) for one in first)])
+        jobs = [partial(refit, problem, z, context, target=limit) for _, problem, z in group]
+        for (component, _, _), fit in zip(group, run_in_threads(jobs, context.stop), strict=True):
+            model = model_of((*parent.components, component), [fit], context)
+            first += [] if model is None else [model]
     k = min((model.evidence.overdispersion for model in first), default=1.0)
     first.sort(key=lambda model: -model.score(k))
     found = list[Model]()
     for rank, model in enumerate(first):
-        limit = min([reached, *(one.fit.cost + WINDOW for one in found)])
+        limit = min([reached, target, model.fit.cost + SAME_VALLEY, *(one.fit.cost + WINDOW for one in found)])
         explained = any(one.leaves_nothing for one in (*found, model))
         if restarts and rank < RESTARTED and not explained and not context.stop.is_set():
             model = better(model, model_of(model.components, restarted(parent.fit, model, limit, context), context))
@@ -138,12 +152,12 @@ def extended(
 
 
 def best_by_sketch(
-    base: FitResult, components: Sequence[Component], context: SearchContext, reached: float = inf
+    base: FitResult, components: Sequence[Component], context: SearchContext, reached: float, target: float
 ) -> list[Start]:
     """The components whose sketches end lowest, below a cost, each with the problem and the point to start from."""
-    effects = [one for one in components if isinstance(one.start, ScreeningResult)]
-    sketches = sketched(base, [one.start for one in effects if isinstance(one.start, ScreeningResult)], context)
-    pairs = [(one, fits[0]) for one, fits in zip(effects, sketches, strict=True) if fits and fits[0].cost < reached]
+    effects = [(one, one.start) for one in components if isinstance(one.start, ScreeningResult)]
+    sketches = sketched(base, [start for _, start in effects], context, min(reached, target), REFITTED)
+    pairs = [(one, fits[0]) for (one, _), fits in zip(effects, sketches, strict=True) if fits and fits[0].cost < reached]
     pairs.sort(key=lambda pair: pair[1].cost - pair[0].log_prior)
     chosen: list[Start] = [(one, fit.problem, fit.z) for one, fit in pairs[:REFITTED]]
     return chosen + [(one, *one.added_to(base)) for one in components if one.is_difference]
@@ -161,11 +175,13 @@ def restarted(base: FitResult, model: Model, target: float, context: SearchConte
 
 
 def in_other_kinetics(model: Model, fewer: Model | None, context: SearchContext) -> Model | None:
-    """The same components with the other kinetics, from where it lies, and from the model in these that has one `fewer`."""
+    """The same components with the other kinetics, from where it lies, and from the model in these that has one `fewer`;
+    given up where they cannot come near."""  # fmt: skip
     problem, z = with_other_kinetics(model.fit)
-    jobs = [partial(refit, problem, z, context, criteria) for criteria in (ADDED_EFFECT, FROM_PRIORS)]
+    target = model.reach(model.evidence.overdispersion)
+    jobs = [partial(refit, problem, z, context, criteria, target) for criteria in (ADDED_EFFECT, FROM_PRIORS)]
     if fewer is not None and model.components:
-        jobs.append(partial(refit, *model.components[-1].added_to(fewer.fit), context))
+        jobs.append(partial(refit, *model.components[-1].added_to(fewer.fit), context, target=target))
     return model_of(model.components, run_in_threads(jobs, context.stop), context)
 
 
