@@ -122,7 +122,8 @@ class Fault:
             return f'the noise of {names} is stated {size}'
         if self.kind == 'outliers':
             count = sum(map(len, self.rows.values()))
-            return f'{names} has {count} isolated outliers, {100.0 * self.share:.2g} % of its samples'
+            ending = 's' if count > 1 else ''
+            return f'{names} has {count} isolated outlier{ending}, {100.0 * self.share:.2g} % of its samples'
         if self.unit:
             return f'{names} is in {self.unit}, not in {UNIT_WORDS[unit_of(self.quantities[0])]}'
         return (
