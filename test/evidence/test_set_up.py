@@ -276,6 +276,15 @@ def test_a_noise_that_is_stated_too_large_is_found_where_a_fit_leaves_less(runs)
     assert 'is stated 3 times too large' in fault.words or 'is stated 2.9 times too large' in fault.words
 
 
+def test_a_noise_that_is_stated_too_large_is_found_beside_the_effect_that_hid_it(with_gravity):
+    large = replace(with_gravity, noise_std={name: 3.0 * std for name, std in with_gravity.noise_std.items()})
+    found = diagnosed(large)
+    assert found.verdict == 'missing_effect' and found.effects == ('gravity',)
+    assert {name for fault in found.set_up for name in fault.quantities} == {*POSE, *FORCES}
+    assert all(fault.kind == 'noise' and fault.factor == pytest.approx(1.0 / 3.0, rel=0.1) for fault in found.set_up)
+    assert found.stages[-1].train == pytest.approx(1.0, abs=0.1)
+
+
 def test_no_effect_is_searched_for_where_it_is_not_known_what_is_wrong(runs, monkeypatch):
     module = 'sma_sim.evidence.diagnosis.diagnose.faults_before_fits'
     open_fault = Fault('sign', ('alpha',), corrected=False, alternatives=((Fault('sign', ('U_y',)),),))

@@ -308,6 +308,10 @@ def search_effects(
     subsets, uncertain = [on_run_subset(fit) for fit in nominal], is_uncertain(faults)
     book = search(subsets, context, most=0, equations=False) if uncertain else search(subsets, context, request.equation)
     posterior = posterior_of(book)
+    noise = () if uncertain or context.stop.is_set() else noise_after(posterior.best.fit, data, faults, context)
+    if noise:
+        training, held_out = without_faults(start.dataset, held_out, noise)
+        return search_effects(start.on(training), held_out, request, context, (*faults, *noise))
     models = path_to(posterior.best, book, context)
     steps, ended = steps_along(models, book, posterior, context), not context.stop.is_set()
     path = [with_all_runs(model, nominal, posterior.overdispersion, context) for model in models]
@@ -350,6 +354,18 @@ def search_effects(
         by_held_out_run={} if context.stop.is_set() else verdicts_by_run(book, posterior, data, end),
         set_up=faults,
     )
+
+
+def noise_after(best: FitResult, data: StageData, faults: Sequence[Fault], context: SearchContext) -> tuple[Fault, ...]:
+    """A noise that is stated too large, of channels of which that is not known yet: the best model leaves less, where what
+    the nominal one lacked hid that."""
+    if best.error * CRITERIA.noise_only >= 1.0:
+        return ()
+    known = {name for fault in faults if fault.kind == 'noise' for name in fault.quantities}
+    names = {run.name for run in best.problem.runs}
+    seen = tuple(recording for recording in data.training.recordings if recording.name in names)
+    found = faults_after_fit(replace(data.training, recordings=seen), best, data.options, context)
+    return tuple(fault for fault in found if fault.kind == 'noise' and not known & {*fault.quantities})
 
 
 def held_out_ratios(
