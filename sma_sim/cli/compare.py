@@ -30,7 +30,7 @@ from sma_sim.evidence.residual_analysis.summary import Summary, summarize
 from sma_sim.model.config import Config, read_config
 from sma_sim.model.errors import UserError
 from sma_sim.report.html.comparison_page import write_compare_page
-from sma_sim.words.comparison import change_sentence, comparison_result, remark_sentence, spread_sentence
+from sma_sim.words.comparison import comparison_result, spread_sentence
 
 PAPER_LABEL, DEFAULT_LABEL = "the paper's values", 'the default values'
 OF_THE_PAPER = ('module', 'wire')
@@ -107,7 +107,7 @@ def compare_text(summaries: Sequence[Summary], pairs: Sequence[ErrorChange]) -> 
             *finding_lines(summary),
             '',
         ]
-    return '\n'.join([*lines, *map(change_sentence, pairs)]).rstrip()
+    return '\n'.join([*lines, *(change.text for change in pairs)]).rstrip()
 
 
 SCORE_HEADER = ('channel', 'runs', 'RMSE', 'of range', 'over noise', 'whiteness p')
@@ -146,4 +146,4 @@ def finding_lines(summary: Summary) -> list[str]:
     remarks = summary.remarks[:MAX_LINES]
     if not remarks:
         return [spread_sentence(summary)]
-    return ['Where the error is:', *(f'{k:2}. {remark_sentence(remark)}' for k, remark in enumerate(remarks, 1))]
+    return ['Where the error is:', *(f'{k:2}. {remark.text}' for k, remark in enumerate(remarks, 1))]

@@ -35,7 +35,6 @@ from sma_sim.evidence.estimation.limits import limits_from
 from sma_sim.evidence.estimation.search_context import iteration_words
 from sma_sim.model.progress import ProgressLine
 from sma_sim.words.fit_remarks import remarks_on
-from sma_sim.words.wire_tests import homogeneity_sentences
 from sma_sim.workflow.fit import reviewed_fit, write_fitted
 from sma_sim.workflow.parameter_sheet import check_sheet, write_sheet
 
@@ -97,7 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
         review = reviewed_fit(found, config, fitted, held_out, executor)
     print(fit_text(found, review.predicted))
     if review.runs:
-        print('', *homogeneity_sentences(review.runs), sep='\n')
+        print('', *review.runs.sentences, sep='\n')
     if arguments.json:
         write_json(arguments.json, review.as_data())
     if arguments.report:

@@ -16,14 +16,7 @@ from sma_sim.evidence.search.steps import CandidateFit
 from sma_sim.evidence.set_up.check import is_uncertain
 from sma_sim.model.parameters import Parameter
 from sma_sim.words.diagnosis_data import above_first, amounts, models, probabilities
-from sma_sim.words.fit_remarks import (
-    agreement_sentence,
-    implausible_sentence,
-    implausible_words,
-    limit_sentence,
-    misfit_sentence,
-    other_minima,
-)
+from sma_sim.words.fit_remarks import agreement_sentence, implausible_sentence, misfit_sentence, other_minima
 from sma_sim.words.nuisances import nuisance_sentences
 from sma_sim.words.probabilities import probability_lines
 from sma_sim.words.proposed_equation import describes, error_number, proposed_text
@@ -167,7 +160,7 @@ def remarks(diagnosis: Diagnosis) -> Iterator[str]:
     if sentence := misfit_sentence(diagnosis.calibration.error):
         yield sentence
     yield from other_minima(diagnosis.calibration)
-    yield from map(limit_sentence, diagnosis.calibration.limits)
+    yield from (limit.text for limit in diagnosis.calibration.limits)
     if disagreement(diagnosis.calibration.by_run) is not None:
         yield agreement_sentence(diagnosis.calibration.by_run)
     if diagnosis.verdict == 'unknown_effect' and diagnosis.search_ended:
@@ -258,7 +251,7 @@ def implausible_lines(diagnosis: Diagnosis) -> Iterator[str]:
     if implausible:
         yield implausible_sentence(implausible)
     elif not diagnosis.calibration.implausible and diagnosis.implausible and len(diagnosis.stages) > 1:
-        yield BENT_NOMINAL.format(parameters=', '.join(map(implausible_words, diagnosis.implausible)))
+        yield BENT_NOMINAL.format(parameters=', '.join(parameter.text for parameter in diagnosis.implausible))
 
 
 def removed_lines(diagnosis: Diagnosis) -> Iterator[str]:

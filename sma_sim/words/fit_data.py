@@ -11,7 +11,7 @@ from sma_sim.evidence.estimation.calibrate import Calibration
 from sma_sim.evidence.estimation.held_out_prediction import RunFit
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter
 from sma_sim.evidence.estimation.run_estimates import ParameterByRun, disagreement
-from sma_sim.words.fit_remarks import agreement_sentence, implausible_words, limit_sentence
+from sma_sim.words.fit_remarks import agreement_sentence
 
 
 def fit_result_data(found: Calibration, predicted: Sequence[RunFit], dataset: Dataset) -> dict[str, Any]:
@@ -44,7 +44,7 @@ def fit_result_data(found: Calibration, predicted: Sequence[RunFit], dataset: Da
         else None,
         'correlation': uncertainty.correlation if uncertainty else None,
         'at_bound': found.at_bound,
-        'limits': [asdict(limit) | {'text': limit_sentence(limit)} for limit in found.limits],
+        'limits': [asdict(limit) | {'text': limit.text} for limit in found.limits],
         'implausible': [implausible_data(parameter) for parameter in found.implausible],
         'by_recording': by_run_data(found.by_run),
         'held': {parameter.name: parameter.reason for parameter in found.fixed},
@@ -112,4 +112,4 @@ def parameter_data(parameter: ParameterByRun) -> Mapping[str, Any]:
 
 def implausible_data(parameter: ImplausibleParameter) -> dict[str, Any]:
     """One of them for programs (SI)."""
-    return asdict(parameter) | {'text': implausible_words(parameter)}
+    return asdict(parameter) | {'text': parameter.text}

@@ -7,9 +7,8 @@ from math import isnan
 
 from sma_sim.evidence.estimation.calibrate import Calibration
 from sma_sim.evidence.estimation.fit_result import OtherStart
-from sma_sim.evidence.estimation.limits import STRAIN_ZERO, LimitReached
 from sma_sim.evidence.estimation.log_evidence import DECISIVE
-from sma_sim.evidence.estimation.plausibility import SOFTER, STIFFER, ImplausibleParameter
+from sma_sim.evidence.estimation.plausibility import ImplausibleParameter
 from sma_sim.evidence.estimation.run_estimates import DISAGREE, MIN_P, ParameterByRun, disagreement
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95, RULED_OUT
 from sma_sim.model.config import AUTO, Config
@@ -24,7 +23,7 @@ def remarks_on(found: Calibration) -> list[str]:
     """All of them, what weakens the numbers first."""
     remarks = [sentence] if (sentence := misfit_sentence(found.error)) else []
     remarks += [f'not determined by these data: {name}' for name in (found.uncertainty.unseen if found.uncertainty else ())]
-    remarks += map(limit_sentence, found.limits)
+    remarks += [limit.text for limit in found.limits]
     remarks += [f'{parameter.name} was kept fixed: {parameter.reason}' for parameter in found.fixed]
     remarks += [implausible_sentence(found.implausible)] if found.implausible else []
     remarks += [sentence] if (sentence := agreement_sentence(found.by_run, found.error > MISFIT)) else []
@@ -113,42 +112,10 @@ def p_words(p: float) -> str:
     return f'p = {p:.2g}' if p >= MIN_P else f'p < {MIN_P:g}'
 
 
-def limit_sentence(limit: LimitReached) -> str:
-    """That an estimate ended at a limit, and how that is moved."""
-    unit = '' if limit.unit == '-' else f' {limit.unit}'
-    between = f'{limit.low:.4g} to {limit.high:.4g}'
-    if not limit.is_movable:
-        return f'{limit.name} = {limit.value:.4g}{unit} ended at the end of what it can be ({between})'
-    where = f' in {", ".join(limit.recordings)}' if limit.recordings else ''
-    if limit.name.startswith('zero.') and limit.name != STRAIN_ZERO:
-        cure = 'it is four times the zero_std of the map'
-    elif limit.name == 'ambient':
-        cure = 'it is five times what rooms differ by'
-    else:
-        cure = f'move it: --limit {limit.name}=LOW:HIGH'
-    return (
-        f'{limit.name} = {limit.value:.4g}{unit} ended at a limit of the fit{where} ({between}): '
-        f'the true value may be beyond it ({cure})'
-    )
-
-
-def implausible_words(one: ImplausibleParameter) -> str:
-    """A parameter that left its plausible range, beside that range."""
-    unit = '' if one.unit == '-' else f' {one.unit}'
-    if one.reason == 'order':
-        return f'{SOFTER} {one.value:.4g}{unit} above {STIFFER} {one.high:.4g}{unit}'
-    if one.reason == 'realistic':
-        return f'{one.name} {one.value:.4g}{unit} (realistic: {one.low:.4g} to {one.high:.4g})'
-    if one.material:
-        return f'{one.name} {one.value:.4g}{unit} ({one.material}: {one.low:.4g} to {one.high:.4g})'
-    return f'{one.name} {one.value:.4g} instead of {one.nominal:.4g}{unit}'
-
-
 def implausible_sentence(found: Sequence[ImplausibleParameter]) -> str:
     """What it means that parameters left their plausible range."""
-    words = ', '.join(map(implausible_words, found))
     return (
-        f'Outside the plausible range: {words}. The model is probably missing '
+        f'Outside the plausible range: {", ".join(parameter.text for parameter in found)}. The model is probably missing '
         f'something, or its nominal values are not those of this robot{material_hint(found)}.'
     )
 

@@ -7,11 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 from sma_sim.evidence.estimation.curve_features import TEMPERATURES, CurveFeatures, IsobaricTest, IsothermalTest
-from sma_sim.evidence.estimation.homogeneity import HomogeneityTest
 from sma_sim.evidence.residual_analysis.wire_tests import Characterization, EvaluatedTest
-
-HETEROGENEOUS = 0.01  # p-value below which runs do not agree
-MIN_TEMPERATURE_STEP = 2.0  # [K]: runs nearer to each other determine no slope
 
 
 def features_as_text(found: CurveFeatures) -> list[str]:
@@ -91,30 +87,3 @@ def shown_cycles(count: int) -> list[int]:
     decades = (10**power for power in range(len(str(count))))
     numbers = {step * decade for decade in decades for step in (1, 2, 5)}
     return [number - 1 for number in sorted(numbers | {count}) if number <= count]
-
-
-def homogeneity_sentences(found: HomogeneityTest) -> list[str]:
-    """What the runs of a wire say together."""
-    runs, p_line, p_width = found.runs, found.p_line, found.p_width
-    widths = ', '.join(f'{1e-6 * run.dsigma[0]:.3g} MPa at {run.temperature:.0f} K ({run.name})' for run in runs)
-    verdict = 'one dsigma does not fit all runs' if p_width < HETEROGENEOUS else 'one dsigma fits all runs'
-    lines = [f'The fitted width of the hysteresis is {widths}: {verdict} (p = {p_width:.2g}).']
-    slopes = [
-        f'{1e-6 * (b.sigma_MW[0] - a.sigma_MW[0]) / (b.temperature - a.temperature):.3g} MPa/K from {a.temperature:.0f} to '
-        f'{b.temperature:.0f} K'
-        for a, b in zip(runs[:-1], runs[1:], strict=True)
-        if b.temperature - a.temperature > MIN_TEMPERATURE_STEP
-    ]
-    verdict = (
-        f'one straight sigma_MW(T), that is one sigma_T, {"does not fit" if p_line < HETEROGENEOUS else "fits"} all runs'
-    )
-    if slopes:
-        lines.append(f'The middle of the hysteresis rises by {", ".join(slopes)}: {verdict} (p = {p_line:.2g}).')
-    else:
-        lines.append(f'The middle of the hysteresis: {verdict} (p = {p_line:.2g}).')
-    return lines
-
-
-def homogeneity_data(found: HomogeneityTest) -> dict[str, Any]:
-    """The runs of a wire one by one for programs (SI)."""
-    return asdict(found) | {'sentences': homogeneity_sentences(found)}

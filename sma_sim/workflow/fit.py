@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,6 @@ from sma_sim.report.html.comparison_page import write_fit_page
 from sma_sim.report.html.page import Provenance
 from sma_sim.words.comparison import comparison_data
 from sma_sim.words.fit_data import fit_result_data
-from sma_sim.words.wire_tests import homogeneity_data
 from sma_sim.workflow.code_folders import parameter_file_at
 
 
@@ -45,10 +44,7 @@ class FitReview:
 
     def as_data(self) -> dict[str, Any]:
         """The result for programs; SI units."""
-        further = {
-            'run_by_run': homogeneity_data(self.runs) if self.runs else None,
-            'comparison': comparison_data(self.summary),
-        }
+        further = {'run_by_run': asdict(self.runs) if self.runs else None, 'comparison': comparison_data(self.summary)}
         return fit_result_data(self.found, self.predicted, self.fitted) | further
 
     def write_page(self, path: Path, provenance: Provenance | None = None) -> None:

@@ -29,7 +29,7 @@ from sma_sim.evidence.residual_analysis.summary import summarize
 from sma_sim.evidence.residual_analysis.wire_states import RESTING, with_derived_states
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
-from sma_sim.words.comparison import change_sentence, comparison_data, pattern_sentence, region_sentence, spread_sentence
+from sma_sim.words.comparison import comparison_data, spread_sentence
 from sma_sim.words.repair_notes import grouped_notes
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -175,21 +175,19 @@ def test_an_error_in_a_mode_and_a_temperature_is_found(right):
     assert found.share == pytest.approx(squares[inside].sum() / squares.sum(), abs=0.1)
     assert found.time == pytest.approx(inside.mean(), abs=0.05)
     assert found.bias == pytest.approx(3e-3, rel=0.2) and found.low < found.share < found.high
-    assert 'measured above the model by 0.1' in region_sentence(found) and re.search(
-        r'(Confident|Likely) \(95 %', region_sentence(found)
-    )
+    assert 'measured above the model by 0.1' in found.text and re.search(r'(Confident|Likely) \(95 %', found.text)
 
 
 def test_an_error_that_grows_is_said_to_grow(right):
     wrong = with_error(right, 'U_y', lambda run: 2e-4 * (run.states['J_eq_W'] > 0.0) * run.time / run.time[-1])
     told = [region for region in find_error_regions(wrong) if region.channel == 'U_y']
-    assert any('grows over the run' in said or 'last quarter' in said for said in map(region_sentence, told))
+    assert any('grows over the run' in one.text or 'last quarter' in one.text for one in told)
 
 
 def test_evenly_spread_noise_is_no_finding(right):
     for channel in right.channels:
         wrong = with_error(right, channel, lambda run: 0.0, noise=3.0)
-        assert [region.channel for region in find_error_regions(wrong) if region.channel == channel] == []
+        assert [region.text for region in find_error_regions(wrong) if region.channel == channel] == []
 
 
 def test_correlated_noise_is_seldom_a_finding(right):
@@ -229,7 +227,7 @@ def test_patterns_that_were_put_in_are_named(right, shape, error, value, words):
     assert found[0].value == pytest.approx(value, rel=0.1)
     width = found[0].high - found[0].low
     assert width < 0.1 * abs(value) and found[0].low - width < value < found[0].high + width
-    assert words in pattern_sentence(found[0])
+    assert words in found[0].text
 
 
 def test_an_error_that_is_spread_is_not_said_to_be_noise(right):
@@ -269,10 +267,9 @@ def test_the_nearer_of_two_configurations_is_told(dataset, right):
     off = compare(fitted, truth(beam__E=1.1), held, 'off')
     found = {(change.channel, change.held_out): change for change in error_changes(off, right)}
     assert len(found) == 10
-    assert found['alpha', True].high < 1.0 and 'nearer on the runs held out' in change_sentence(found['alpha', True])
+    assert found['alpha', True].high < 1.0 and 'nearer on the runs held out' in found['alpha', True].text
     assert all(
-        one.ratio == pytest.approx(1.0) and 'no significant difference' in change_sentence(one)
-        for one in error_changes(right, right)
+        one.ratio == pytest.approx(1.0) and 'no significant difference' in one.text for one in error_changes(right, right)
     )
 
 

@@ -39,7 +39,6 @@ from sma_sim.evidence.estimation.uncertainty import Interval
 from sma_sim.model.effects.ports import CHANNELS
 from sma_sim.model.parameters import DEFAULTS, Parameter
 from sma_sim.model.structures.module import STRUCTURE as MODULE
-from sma_sim.words.wire_tests import homogeneity_sentences
 
 
 def recording(values=(0.0, 0.0, 5.0, 5.0, 2.0), **more):
@@ -168,12 +167,11 @@ def test_runs_on_one_straight_line_agree_whatever_their_temperatures(monkeypatch
     found = homogeneity.homogeneity_test(wire, Dataset(runs, {'stress': 1e5}))
     assert found is not None and [run.name for run in found.runs] == ['cold', 'warm']
     assert found.p_line == pytest.approx(1.0) and found.p_width == pytest.approx(1.0)
-    assert 'rises by 2.13 MPa/K from 300 to 330 K' in homogeneity_sentences(found)[1]
-    assert 'fits all runs' in homogeneity_sentences(found)[1]
+    assert 'rises by 2.13 MPa/K from 300 to 330 K' in found.sentences[1] and 'fits all runs' in found.sentences[1]
     held_out = Dataset((isotherm('odd', 315.0),), {'stress': 1e5})
     found = homogeneity.homogeneity_test(wire, Dataset(runs, {'stress': 1e5}), held_out)
     assert found is not None and [run.held_out for run in found.runs] == [False, True, False]
-    assert found.p_line < 1e-6 and 'does not fit all runs' in homogeneity_sentences(found)[0]
+    assert found.p_line < 1e-6 and 'does not fit all runs' in found.sentences[0]
     assert homogeneity.homogeneity_test(wire, Dataset(runs[1:], {'stress': 1e5})) is None
 
 

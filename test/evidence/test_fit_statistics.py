@@ -10,7 +10,7 @@ from scipy.stats import chi2, norm
 from sma_sim.evidence.estimation.calibrate import errors_by_channel
 from sma_sim.evidence.estimation.chi_square import chi_square_tail
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, MAX_PRIOR_STDS, FreeParameter
-from sma_sim.evidence.estimation.homogeneity import HomogeneityTest, cochran_p
+from sma_sim.evidence.estimation.homogeneity import cochran_p, sentences
 from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.plausibility import (
     RANGE_TOLERANCE,
@@ -43,7 +43,6 @@ from sma_sim.evidence.estimation.uncertainty import (
 )
 from sma_sim.model.parameters import Parameter
 from sma_sim.words.fit_remarks import p_words
-from sma_sim.words.wire_tests import homogeneity_sentences
 
 A = FreeParameter('a', 2.0, 0.5, -5.0, 5.0, True, 'Pa')
 B = FreeParameter('b', 0.0, 4.0, -5.0, 5.0, False, '-')
@@ -306,9 +305,9 @@ def test_slopes_are_said_of_runs_at_different_temperatures():
     def run(T, level):
         return SimpleNamespace(name=f'at{T}', temperature=T, sigma_MW=(level, 0.0, 0.0), dsigma=(1e7, 0.0, 0.0))
 
-    apart = homogeneity_sentences(HomogeneityTest((run(300.0, 1e8), run(301.0, 1e8), run(311.0, 1.5e8)), 0.5, 0.001))
+    apart = sentences([run(300.0, 1e8), run(301.0, 1e8), run(311.0, 1.5e8)], 0.5, 0.001)
     assert 'does not fit' in apart[0] and 'rises by 5 MPa/K from 301 to 311 K:' in apart[1] and 'fits all' in apart[1]
-    near = homogeneity_sentences(HomogeneityTest((run(300.0, 1e8), run(301.0, 1.1e8)), 0.001, 0.5))
+    near = sentences([run(300.0, 1e8), run(301.0, 1.1e8)], 0.001, 0.5)
     assert 'rises' not in near[1] and 'does not fit all' in near[1] and 'one dsigma fits all' in near[0]
 
 

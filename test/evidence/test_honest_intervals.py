@@ -29,7 +29,7 @@ from sma_sim.evidence.estimation.uncertainty import (
 )
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import DEFAULTS
-from sma_sim.words.fit_remarks import limit_sentence, other_minima, remarks_on
+from sma_sim.words.fit_remarks import other_minima, remarks_on
 
 
 def autoregressive(random, shape, memory):
@@ -112,9 +112,7 @@ def test_every_estimate_at_a_limit_is_said():
     assert set(found) == {'delay', 'zero.strain', 'zero.alpha'}
     assert (found['delay'].low, found['delay'].value) == (-0.5, pytest.approx(-0.489))
     assert found['zero.strain'].recordings == ('run0', 'run1') and found['zero.alpha'].recordings == ('run0',)
-    assert '--limit delay=LOW:HIGH' in limit_sentence(found['delay']) and 'zero_std of the map' in limit_sentence(
-        found['zero.alpha']
-    )
+    assert '--limit delay=LOW:HIGH' in found['delay'].text and 'zero_std of the map' in found['zero.alpha'].text
 
 
 def test_limits_are_the_users():
@@ -162,7 +160,7 @@ def test_the_end_of_what_a_parameter_can_be_is_no_limit_to_move():
     free = free_parameter('wire.E_A', 1e9, DEFAULTS['wire.E_A'])  # the bounds of the declaration are nearer than the fit's
     found = limits_reached(replace(problem, free=(free,), runs=()), np.array([free.low, 0.0]), ())
     assert [(limit.name, limit.is_movable) for limit in found] == [('wire.E_A', False)]
-    assert '--limit' not in limit_sentence(found[0])
+    assert '--limit' not in found[0].text
 
 
 def test_a_diagnosis_and_a_fit_of_the_same_effects_take_the_same_minimum(monkeypatch):

@@ -10,7 +10,7 @@ from sma_sim.evidence.estimation.materials import MATERIALS, material_of, usual_
 from sma_sim.evidence.estimation.plausibility import implausible_parameters
 from sma_sim.evidence.estimation.residuals import SOFTEST, ZERO_LIMIT, fit_data
 from sma_sim.model.errors import UserError
-from sma_sim.words.fit_remarks import implausible_sentence, implausible_words
+from sma_sim.words.fit_remarks import implausible_sentence
 
 WIRE = ('system=wire', 'wire.sigma_T=8e6', 'wire.dsigma=1.6e8', 'wire.sigma_MW0=1e8')
 NAMES = ('wire.E_A', 'wire.eps_T', 'wire.sigma_MW0', 'wire.lambda')
@@ -36,7 +36,7 @@ def test_a_wire_of_another_make_is_plausible_and_what_no_wire_has_is_not():
     base = read_config(words=[*WIRE, 'wire.T0=340', 'wire.E_A=3e10', 'wire.eps_T=0.025'])
     assert not found_at(base, {'wire.E_A': 8.5e10, 'wire.eps_T': 0.06, 'wire.sigma_MW0': 2.4e8})
     (strain,) = found_at(base, {'wire.eps_T': 0.11})
-    assert implausible_words(strain) == 'wire.eps_T 0.11 (an actuator wire of NiTi: 0.01667 to 0.07)'
+    assert strain.text == 'wire.eps_T 0.11 (an actuator wire of NiTi: 0.01667 to 0.07)'
     assert implausible_sentence([strain]).endswith('or its wire is of another material (--material).')
     assert not found_at(base, {'wire.E_A': 1.05e11}, 'high-temperature') and found_at(base, {'wire.E_A': 1.05e11})
 

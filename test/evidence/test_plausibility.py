@@ -15,7 +15,7 @@ from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 from sma_sim.words.diagnosis_data import as_data
 from sma_sim.words.diagnosis_text import as_text
 from sma_sim.words.fit_data import fit_result_data
-from sma_sim.words.fit_remarks import implausible_words, remarks_on
+from sma_sim.words.fit_remarks import remarks_on
 
 FREE = ('wire.lambda', 'wire.E_A', 'wire.E_M')
 
@@ -32,14 +32,14 @@ def found_at(base, values, std, names=FREE):
 def test_a_value_far_from_nominal_counts_where_data_determine_it(factor, std, said):
     found = found_at(config(), {'wire.lambda': 450.0 * factor}, std)
     assert [one.name for one in found] == ['wire.lambda'] * said
-    assert all(implausible_words(one) == f'wire.lambda {450.0 * factor:.4g} instead of 450 W/(m^2 K)' for one in found)
+    assert all(one.text == f'wire.lambda {450.0 * factor:.4g} instead of 450 W/(m^2 K)' for one in found)
 
 
 @pytest.mark.parametrize(('std', 'said'), [(0.02, ['order']), (0.3, [])])
 def test_martensite_stiffer_than_austenite(std, said):
     found = found_at(config(), {'wire.E_A': 10.0e9, 'wire.E_M': 11.0e9}, std)
     assert [one.reason for one in found] == said
-    assert all(implausible_words(one) == 'wire.E_M 1.1e+10 Pa above wire.E_A 1e+10 Pa' for one in found)
+    assert all(one.text == 'wire.E_M 1.1e+10 Pa above wire.E_A 1e+10 Pa' for one in found)
     assert not found_at(config(), {'wire.E_A': 11.0e9, 'wire.E_M': 10.0e9}, std)
 
 
@@ -49,7 +49,7 @@ def test_an_effect_is_judged_by_its_realistic_range():
     name, (low, high) = 'effects.radiation.emissivity', parameter.realistic
     assert not found_at(given, {name: high}, 1e-3, (name,)) and not found_at(given, {name: low}, 1e-3, (name,))
     beyond = found_at(given, {name: high + 0.3 * (high - low)}, 1e-3, (name,))
-    assert [implausible.reason for implausible in beyond] == ['realistic'] and 'realistic: ' in implausible_words(beyond[0])
+    assert [implausible.reason for implausible in beyond] == ['realistic'] and 'realistic: ' in beyond[0].text
 
 
 @pytest.mark.slow

@@ -22,7 +22,9 @@ from sma_sim.evidence.estimation.uncertainty import GAUSS_95, Interval
 from sma_sim.model.config import Config
 
 STRESS_NAMES = ('wire.sigma_MW0', 'wire.dsigma')
+HETEROGENEOUS = 0.01  # p-value below which runs do not agree
 HEATING_COLUMN = 1  # column of a wire's input
+MIN_TEMPERATURE_STEP = 2.0  # [K]: runs nearer to each other determine no slope
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ class RunStress:
 
 @dataclass(frozen=True)
 class HomogeneityTest:
-    """Runs of a wire one by one, in the order of temperature.
+    """Runs of a wire one by one, in the order of temperature, and what they say together, in words.
 
     `p_line` and `p_width`: how likely so much spread is when one straight sigma_MW(T), one dsigma is right.
     """
@@ -46,6 +48,7 @@ class HomogeneityTest:
     runs: tuple[RunStress, ...]
     p_line: float
     p_width: float
+    sentences: tuple[str, ...]
 
 
 def homogeneity_test(
@@ -67,7 +70,7 @@ def homogeneity_test(
     slope, T0 = config.parameters['wire.sigma_T'], config.parameters['wire.T0']
     level = [tuple(x - slope * (run.temperature - T0) for x in run.sigma_MW) for run in stresses]
     p_line, p_width = cochran_p(level), cochran_p([run.dsigma for run in stresses])
-    return HomogeneityTest(tuple(stresses), p_line, p_width)
+    return HomogeneityTest(tuple(stresses), p_line, p_width, tuple(sentences(stresses, p_line, p_width)))
 
 
 def run_stress(
@@ -96,3 +99,24 @@ def cochran_p(values: Sequence[Sequence[float]]) -> float:
     weight = np.array([(2.0 * GAUSS_95 / max(high - low, 1e-300)) ** 2 for _, low, high in values])
     mean = float(weight @ value / weight.sum())
     return chi_square_tail(float(weight @ (value - mean) ** 2), len(value) - 1)
+
+
+def sentences(runs: Sequence[RunStress], p_line: float, p_width: float) -> list[str]:
+    """What the runs say together."""
+    widths = ', '.join(f'{1e-6 * run.dsigma[0]:.3g} MPa at {run.temperature:.0f} K ({run.name})' for run in runs)
+    verdict = 'one dsigma does not fit all runs' if p_width < HETEROGENEOUS else 'one dsigma fits all runs'
+    found = [f'The fitted width of the hysteresis is {widths}: {verdict} (p = {p_width:.2g}).']
+    slopes = [
+        f'{1e-6 * (b.sigma_MW[0] - a.sigma_MW[0]) / (b.temperature - a.temperature):.3g} MPa/K from {a.temperature:.0f} to '
+        f'{b.temperature:.0f} K'
+        for a, b in zip(runs[:-1], runs[1:], strict=True)
+        if b.temperature - a.temperature > MIN_TEMPERATURE_STEP
+    ]
+    verdict = (
+        f'one straight sigma_MW(T), that is one sigma_T, {"does not fit" if p_line < HETEROGENEOUS else "fits"} all runs'
+    )
+    if slopes:
+        found.append(f'The middle of the hysteresis rises by {", ".join(slopes)}: {verdict} (p = {p_line:.2g}).')
+    else:
+        found.append(f'The middle of the hysteresis: {verdict} (p = {p_line:.2g}).')
+    return found

@@ -41,6 +41,28 @@ class LimitReached:
     recordings: tuple[str, ...] = ()
     is_movable: bool = True
 
+    @property
+    def text(self) -> str:
+        """In words."""
+        unit = '' if self.unit == '-' else f' {self.unit}'
+        if not self.is_movable:
+            between = f'{self.low:.4g} to {self.high:.4g}'
+            return f'{self.name} = {self.value:.4g}{unit} ended at the end of what it can be ({between})'
+        where = f' in {", ".join(self.recordings)}' if self.recordings else ''
+        return (
+            f'{self.name} = {self.value:.4g}{unit} ended at a limit of the fit{where} ({self.low:.4g} to {self.high:.4g}): '
+            f'the true value may be beyond it ({self.cure})'
+        )
+
+    @property
+    def cure(self) -> str:
+        """How the limit is moved."""
+        if self.name.startswith('zero.') and self.name != STRAIN_ZERO:
+            return 'it is four times the zero_std of the map'
+        if self.name == 'ambient':
+            return 'it is five times what rooms differ by'
+        return f'move it: --limit {self.name}=LOW:HIGH'
+
 
 def limits_from(words: Sequence[str]) -> dict[str, Range]:
     """Limits by name [SI] from ``name=low:high`` words. Raises UserError."""

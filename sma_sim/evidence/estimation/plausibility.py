@@ -48,6 +48,18 @@ class ImplausibleParameter:
     reason: str
     material: str = ''
 
+    @property
+    def text(self) -> str:
+        """In words."""
+        unit = '' if self.unit == '-' else f' {self.unit}'
+        if self.reason == 'order':
+            return f'{SOFTER} {self.value:.4g}{unit} above {STIFFER} {self.high:.4g}{unit}'
+        if self.reason == 'realistic':
+            return f'{self.name} {self.value:.4g}{unit} (realistic: {self.low:.4g} to {self.high:.4g})'
+        if self.material:
+            return f'{self.name} {self.value:.4g}{unit} ({self.material}: {self.low:.4g} to {self.high:.4g})'
+        return f'{self.name} {self.value:.4g} instead of {self.nominal:.4g}{unit}'
+
 
 def implausible_parameters(
     config: Config, free: Sequence[FreeParameter], z: Vector, covariance: Matrix, material: str = ''

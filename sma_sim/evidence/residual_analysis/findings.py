@@ -1,4 +1,4 @@
-"""The ranked list of where the error concentrates, and how certain that is."""
+"""The ranked list, in plain words, of where the error concentrates and how certain that is."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.residual_analysis.compare import Comparison
 from sma_sim.evidence.residual_analysis.error_by_stratum import ChannelSamples, samples_of
 from sma_sim.evidence.residual_analysis.metrics import AT_NOISE
@@ -22,7 +23,9 @@ from sma_sim.evidence.residual_analysis.subgroups import (
 
 MAX_FINDINGS_PER_CHANNEL = 2  # more of them overlap in what they say
 MIN_FINDING_SHARE = 0.1  # of the channel's squared error: a region with less is not reported
+CONFIDENT, LIKELY = 0.9, 0.6  # of random halves of the data that show a region again
 MAX_P_VALUE = 0.02  # beyond it a region is not reported
+MIN_RELATIVE_BIAS = 0.5  # |bias| over RMSE in a region, above which its sign is reported
 
 
 @dataclass(frozen=True)
@@ -32,8 +35,8 @@ class ErrorRegion:
     `share` of the squared error (95 % interval `low` to `high`), `time` share of the samples, `weight` of the finding
     in the ranking, `p` how likely a search finds as much where there is nothing, `again` part of random halves of the
     data that show the same region again, `trend` mean squared error in the
-    second over that in the first half of the run with its 95 % interval. `over_noise`, `bias` (mean of measured -
-    model) and `rmse` (SI) within the region; `conditions` in words.
+    second over that in the first half of the run with its 95 % interval. `over_noise` and `bias` (SI, mean of
+    measured - model) within the region; `conditions` in words, `text` the whole sentence.
     """
 
     channel: str
@@ -48,7 +51,7 @@ class ErrorRegion:
     again: float
     trend: tuple[float, float, float]
     weight: float
-    rmse: float
+    text: str
 
 
 def find_error_regions(comparison: Comparison) -> tuple[ErrorRegion, ...]:
@@ -87,7 +90,7 @@ def findings_of_channel(samples: ChannelSamples, ways: Sequence[Dimension]) -> l
 
 
 def make_finding(samples: ChannelSamples, region: Region, certainty: RegionCertainty, searched: float) -> ErrorRegion:
-    """One region; `searched` is the squared error that the search was about."""
+    """One region with its words; `searched` is the squared error that the search was about."""
     inside, squares = region.mask, samples.scaled**2
     share, time = float(squares[inside].sum() / squares.sum()), float(inside.mean())
     scale = searched / float(squares.sum())
@@ -96,6 +99,7 @@ def make_finding(samples: ChannelSamples, region: Region, certainty: RegionCerta
     bias, rmse = float(residual.mean()), float(np.sqrt(np.mean(residual**2)))
     words = tuple(condition.words for condition in region.conditions)
     low, high = scale * certainty.low, scale * certainty.high
+    text = finding_text(samples.channel, words, (share, low, high, time), certainty, bias / rmse, rmse)
     return ErrorRegion(
         channel=samples.channel,
         conditions=words,
@@ -109,5 +113,46 @@ def make_finding(samples: ChannelSamples, region: Region, certainty: RegionCerta
         again=certainty.again,
         trend=certainty.trend,
         weight=(share - time) * excess,
-        rmse=rmse,
+        text=text,
     )
+
+
+def finding_text(
+    channel: str,
+    words: Sequence[str],
+    shares: tuple[float, float, float, float],
+    certainty: RegionCertainty,
+    offset: float,
+    rmse: float,
+) -> str:
+    """A finding in words; `offset` is bias over RMSE, `rmse` (SI) that within the region."""
+    share, low, high, time = shares
+    text = (
+        f'{percent(share)} of the squared error of {channel} arises while {enumeration(words)} '
+        f'({percent(time)} of the samples); RMSE {in_display_unit(channel, rmse)} there'
+    )
+    if abs(offset) > MIN_RELATIVE_BIAS:
+        side = 'above' if offset > 0.0 else 'below'
+        text += f', measured {side} the model by {in_display_unit(channel, abs(offset) * rmse)} on average'
+    ratio, least, most = certainty.trend
+    if least > 1.0:
+        text += f'; it grows over the run, x{ratio:.2g} in square from its first to its second half'
+    elif most < 1.0:
+        text += f'; it falls over the run, x{ratio:.2g} in square from its first to its second half'
+    interval = f'95 %: {percent(low)} to {percent(high)}; {percent(certainty.again)} of random halves show it'
+    return f'{text}. {confidence_word(certainty)} ({interval}).'
+
+
+def confidence_word(certainty: RegionCertainty) -> str:
+    """The confidence in a region, in a word."""
+    return 'Confident' if certainty.again >= CONFIDENT else 'Likely' if certainty.again >= LIKELY else 'Uncertain'
+
+
+def enumeration(words: Sequence[str]) -> str:
+    """`a`, `a and b`, `a, b and c`."""
+    return words[0] if len(words) == 1 else f'{", ".join(words[:-1])} and {words[-1]}'
+
+
+def percent(part: float) -> str:
+    """A part in per cent."""
+    return f'{100.0 * part:.0f} %'

@@ -21,6 +21,15 @@ class ErrorChange:
     low: float
     high: float
 
+    @property
+    def text(self) -> str:
+        """In words."""
+        where = 'on the runs held out' if self.held_out else 'on the fitted runs'
+        interval = f'x{self.ratio:.3f}, 95 %: {self.low:.3f} to {self.high:.3f}'
+        if self.low <= 1.0 <= self.high:
+            return f'{self.channel}: no significant difference {where} ({interval})'
+        return f'{self.channel}: the second is {"nearer" if self.ratio < 1.0 else "farther"} {where} ({interval})'
+
 
 def error_changes(first: Comparison, second: Comparison) -> tuple[ErrorChange, ...]:
     """From the first to the second comparison of the same dataset, per channel, fitted and held-out runs apart.

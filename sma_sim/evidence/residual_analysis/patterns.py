@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.residual_analysis.compare import ComparedRun, Comparison
 from sma_sim.evidence.residual_analysis.error_by_stratum import ChannelSamples, samples_of
 from sma_sim.evidence.residual_analysis.metrics import AT_NOISE, channel_score
@@ -26,7 +27,7 @@ MIN_PATTERN_SHARE = 0.25  # of the squared error: a shape that explains less is 
 class Pattern:
     """A shape (`offset`, `scale`, `lag`) of the residual of a channel: the part `share` of the squared error that it
     explains, its size `value` (offset: SI; scale: relative; lag: s) with its 95 % interval, its `weight` among all that is
-    said of an error (as `ErrorRegion` has it).
+    said of an error (as `ErrorRegion` has it), and the sentence.
     """
 
     channel: str
@@ -36,6 +37,7 @@ class Pattern:
     low: float
     high: float
     weight: float
+    text: str
 
 
 PATTERN_SHAPES: dict[str, Callable[[ComparedRun, str], Vector]] = {
@@ -79,5 +81,20 @@ def fit_pattern(comparison: Comparison, samples: ChannelSamples, shape: str) -> 
     value = float(along.sum() / max(size.sum(), 1e-300))
     squares = float(np.sum(samples.scaled**2))
     share = float(value * along.sum() / max(squares, 1e-300))
-    weight = share * (squares / len(samples.scaled) - 1.0)
-    return Pattern(channel, shape, share, value, low, high, weight)
+    weight, words = share * (squares / len(samples.scaled) - 1.0), pattern_text(channel, shape, share, (value, low, high))
+    return Pattern(channel, shape, share, value, low, high, weight, words)
+
+
+def pattern_text(channel: str, shape: str, share: float, interval: tuple[float, float, float]) -> str:
+    """A pattern in words."""
+    part = f'{100.0 * share:.0f} % of the squared error of {channel} is'
+    value, low, high = interval
+    if shape == 'offset':
+        size, least, most = (in_display_unit(channel, number) for number in (abs(value), low, high))
+        numbers = f'{size} (95 %: {least} to {most})'
+        return f'{part} a constant offset: measured {"above" if value > 0.0 else "below"} the model by {numbers}.'
+    if shape == 'scale':
+        numbers = f'{abs(100 * value):.3g} % (95 %: {100 * low:+.3g} to {100 * high:+.3g} %)'
+        return f'{part} a wrong scale: measured {"larger" if value > 0.0 else "smaller"} than the model by {numbers}.'
+    numbers = f'{abs(value):.3g} s (95 %: {low:+.3g} to {high:+.3g} s)'
+    return f'{part} a shift in time: measured {"later" if value > 0.0 else "earlier"} than the model by {numbers}.'

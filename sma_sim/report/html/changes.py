@@ -10,7 +10,6 @@ from sma_sim.evidence.residual_analysis.summary import Summary
 from sma_sim.report.html.figures import HELD_OUT, SHOWN, new_figure
 from sma_sim.report.html.page import Bullets, Paragraph, Plot, Section, Table
 from sma_sim.report.palette import GREY
-from sma_sim.words.comparison import change_sentence
 
 
 def changes_section(summaries: Sequence[Summary], pairs: Sequence[ErrorChange]) -> Section:
@@ -28,7 +27,7 @@ def changes_section(summaries: Sequence[Summary], pairs: Sequence[ErrorChange]) 
         [
             Table(('configuration', 'model', 'normalized RMSE', 'held out'), rows),
             Plot(ratio_figure(pairs), 'RMSE of the second over that of the first, 95 %; below 1 the second is nearer.'),
-            Bullets([*map(change_sentence, pairs)]),
+            Bullets([change.text for change in pairs]),
             Paragraph('Intervals: stretches of the runs are drawn again, the same ones for both.', 'note'),
         ],
     )

@@ -10,7 +10,7 @@ from sma_sim.evidence.residual_analysis.summary import Summary
 from sma_sim.report.html.figures import SHOWN, new_figure
 from sma_sim.report.html.page import Block, Bullets, Grid, Paragraph, Plot, Section, Tabs
 from sma_sim.report.palette import GREY
-from sma_sim.words.comparison import remark_sentence, spread_sentence
+from sma_sim.words.comparison import spread_sentence
 
 BAR_HEIGHT, FRAME_HEIGHT = 38, 92  # heights [px]
 MAX_SENTENCES = 5  # before the channels, each of which has all of its own
@@ -30,7 +30,7 @@ def error_location_section(summary: Summary) -> Section:
     remarks, names = summary.remarks, by_error(summary)
     lead: Block = Paragraph(spread_sentence(summary), 'lead')
     if remarks:
-        lead = Bullets([*map(remark_sentence, remarks[:MAX_SENTENCES])], numbered=True)
+        lead = Bullets([remark.text for remark in remarks[:MAX_SENTENCES]], numbered=True)
     note = (SEARCH_NOTE if remarks else '') + SPLIT_NOTE
     tabs: list[tuple[str, list[Block]]] = [
         (f'{channel}: {error:.3g} x noise', channel_blocks(summary, channel)) for channel, error in names.items()
@@ -46,7 +46,7 @@ def by_error(summary: Summary) -> dict[str, float]:
 
 def channel_blocks(summary: Summary, channel: str) -> list[Block]:
     """What is said of a channel, and its splits."""
-    sentences = [remark_sentence(remark) for remark in summary.remarks if remark.channel == channel]
+    sentences = [remark.text for remark in summary.remarks if remark.channel == channel]
     bands = [band_plot(channel, summary.bands[channel])] if summary.bands[channel] else []
     splits = Grid([*(split_plot(split) for split in splits_of(summary.splits, channel)), *bands])
     return [*([Bullets(sentences)] if sentences else []), splits]

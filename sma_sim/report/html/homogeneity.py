@@ -9,7 +9,6 @@ from sma_sim.model.config import Config
 from sma_sim.report.html.figures import new_figure
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Section
 from sma_sim.report.palette import BLUE, ORANGE, RED
-from sma_sim.words.wire_tests import homogeneity_sentences
 
 HOMOGENEITY_WORDS = (
     'Each run was fitted for its own sigma_MW0 and dsigma, everything else held at the calibration above. Marks: what each '
@@ -22,7 +21,7 @@ def homogeneity_section(found: HomogeneityTest | None, config: Config) -> Sectio
     if found is None:
         return Section('Run by run', [])
     blocks: list[Block] = [
-        Bullets(homogeneity_sentences(found)),
+        Bullets(found.sentences),
         Plot(stress_figure(found.runs, config), HOMOGENEITY_WORDS, 380),
         Paragraph('p: how likely so much spread would be if the model were right (Cochran\'s Q).', 'note'),
     ]
