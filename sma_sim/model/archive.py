@@ -172,6 +172,7 @@ def config_fields(config: Config) -> dict[str, Any]:
     """What makes a configuration."""
     own = config.own_structure
     given = {'parameters': config.parameters, 'kinetics': config.kinetics, 'settings': config.settings}
+    given |= {'priors': config.priors, 'covariance': config.covariance}
     return given | {'system': config.system if own is None else own, 'effects': config.effects}
 
 
@@ -236,8 +237,9 @@ class Reader:
             return self._arrays[plain['array']]
         if 'config' in plain:
             given = self.value(plain['config'])
-            effects = given.pop('effects')
-            return Config(**given).variant(effects=effects)
+            effects, priors, covariance = (given.pop(name, None) for name in ('effects', 'priors', 'covariance'))
+            made = Config(**given).variant(effects=effects)
+            return (replace(made, priors=priors) if priors else made).with_covariance(covariance)
         if 'effect' in plain:
             return self._effect(plain['effect'], self.value(plain['fields']))
         if 'structure' in plain:

@@ -21,8 +21,8 @@ from sma_sim.solver.effect_table import own_scratch
 from sma_sim.solver.end_of_run import stop_reason
 from sma_sim.solver.integrate import C_H, COMPLETED, InputStretches, Limits, Log, Run, integrate, stretch
 from sma_sim.solver.model import Model
-from sma_sim.solver.propagation import DELTA, NO_NUMBERS, observe_beside
-from sma_sim.solver.sensitivities import new_tangents, padded
+from sma_sim.solver.propagation import DELTA, NO_NUMBERS, held_input_tangents, observe_beside
+from sma_sim.solver.sensitivities import padded
 from sma_sim.solver.simulate import SimulationError, copy_of_run, new_work, stall_step
 from sma_sim.solver.tangent_nodes import Tangents
 from sma_sim.solver.tangents import follow_segment
@@ -133,23 +133,5 @@ class Prediction:
         return a
 
     def _new_tangents(self, run: Run) -> Tangents:
-        rows, width, columns = len(self.times), padded(self.levels), self.model.wires + 1
-        shift = np.zeros((rows, width, columns))
-        none: Any = NO_NUMBERS
-        return new_tangents(
-            self.model,
-            run,
-            (0, self.levels, 0),
-            numbers=none,
-            direct=none,
-            timed=none,
-            systems=self._records.addresses,
-            delta=DELTA,
-            row_shift=np.zeros((rows + 1, width)),
-            value_shift=shift,
-            slope_shift=np.zeros_like(shift),
-            moved_u=np.zeros(columns),
-            moved_du=np.zeros(columns),
-            s=np.zeros((len(self.model.scales), width)),
-            r=np.zeros((self.model.wires, width)),
-        )
+        values = np.zeros((len(self.times), padded(self.levels), self.model.wires + 1))
+        return held_input_tangents(self.model, run, self.levels, values, self._records.addresses)

@@ -127,28 +127,9 @@ class Propagation:
         return a
 
     def _new_tangents(self, run: Run, rows: int) -> Tangents:
-        at, width = self.unknowns, padded(self.unknowns.count)
-        columns = self.model.wires + 1
-        values = np.zeros((rows, width, columns))
-        values[:, at.T_E, -1] = 1.0
-        none: Any = NO_NUMBERS
-        return new_tangents(
-            self.model,
-            run,
-            (0, at.count, 0),
-            numbers=none,
-            direct=none,
-            timed=none,
-            systems=self._records.addresses,
-            delta=DELTA,
-            row_shift=np.zeros((rows + 1, width)),
-            value_shift=values,
-            slope_shift=np.zeros_like(values),
-            moved_u=np.zeros(columns),
-            moved_du=np.zeros(columns),
-            s=np.zeros((len(self.scales), width)),
-            r=np.zeros((self.model.wires, width)),
-        )
+        values = np.zeros((rows, padded(self.unknowns.count), self.model.wires + 1))
+        values[:, self.unknowns.T_E, -1] = 1.0
+        return held_input_tangents(self.model, run, self.unknowns.count, values, self._records.addresses)
 
     def advance(self, run: Run, times: Vector, inputs: Matrix) -> Matrix:
         """Carry `run` over the stretches from one of `times` (k + 1,) [s] to the next under held `inputs` (k, wires + 1).
@@ -179,3 +160,27 @@ class Propagation:
         self._observe(t, run, segment, self._p, self._work, a, self._rows)
         sample = self._rows[0].copy()
         return sample, ((self._rows[1:] - sample) / DELTA).T
+
+
+def held_input_tangents(model: Model, run: Run, count: int, values: NDArray[np.float64], systems: Any) -> Tangents:
+    """Room for the tangents of a run in `count` unknowns, under inputs that are held and move by `values` (stretches, padded
+    count, wires + 1) with them."""
+    rows, width, columns = values.shape
+    none: Any = NO_NUMBERS
+    return new_tangents(
+        model,
+        run,
+        (0, count, 0),
+        numbers=none,
+        direct=none,
+        timed=none,
+        systems=systems,
+        delta=DELTA,
+        row_shift=np.zeros((rows + 1, width)),
+        value_shift=values,
+        slope_shift=np.zeros_like(values),
+        moved_u=np.zeros(columns),
+        moved_du=np.zeros(columns),
+        s=np.zeros((len(model.scales), width)),
+        r=np.zeros((model.wires, width)),
+    )

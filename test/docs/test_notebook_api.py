@@ -100,9 +100,16 @@ def test_a_saved_run_is_the_same(run, tmp_path):
 def test_saved_results_are_the_same(fitted, dataset, tmp_path):
     found = sma_sim.load(fitted.save(tmp_path / 'fit.npz'))
     assert found == fitted and found.config == fitted.config and found.summary() == fitted.summary()
+    assert found.config.covariance == fitted.config.covariance is not None
     assert sma_sim.load(dataset.save(tmp_path / 'data.npz')) == dataset
     compared = sma_sim.compare(dataset, fitted.config)
     assert sma_sim.load(compared.save(tmp_path / 'compared.npz')) == compared
+
+
+def test_what_is_known_of_values_is_saved_with_a_fit(fitted, tmp_path):
+    known = replace(fitted.config, priors={'beam.E': 1e8})
+    found = sma_sim.load(replace(fitted, config=known).save(tmp_path / 'fit.npz'))
+    assert found.config == known and found.config.priors == {'beam.E': 1e8}
 
 
 @pytest.fixture(scope='module')

@@ -92,6 +92,7 @@ def test_the_library_is_read_exactly():
         'smooth_transformation',
         'stress_dependent_transformation_strain',
         'temperature_gradient',
+        'thermal_expansion',
     }
     timed = {'ambient_drift', 'clamp_slip', 'sensor_drift', 'sensor_jump'}
     assert {name for name, effect in effects.items() if uses_time(effect)} == timed
