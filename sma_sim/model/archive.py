@@ -171,7 +171,7 @@ COLLECTIONS: Mapping[str, type] = {'tuple': tuple, 'list': list, 'frozenset': fr
 def config_fields(config: Config) -> dict[str, Any]:
     """What makes a configuration."""
     own = config.own_structure
-    given = {'parameters': config.parameters, 'kinetics': config.kinetics, 'settings': config.settings}
+    given: dict[str, Any] = {'parameters': config.parameters, 'kinetics': config.kinetics, 'settings': config.settings}
     given |= {'priors': config.priors, 'covariance': config.covariance}
     return given | {'system': config.system if own is None else own, 'effects': config.effects}
 
