@@ -470,14 +470,3 @@ def test_a_level_ends_where_the_best_of_all_leaves_nothing(monkeypatch, squares,
     monkeypatch.setattr(beam, 'expand', expand)
     beam.expand_level(2, book, SimpleNamespace(stop=Event()))
     assert extended == expected
-
-
-@pytest.mark.parametrize('k', [1.0, 3.0])
-def test_what_a_fit_did_not_gain_is_no_evidence(k):
-    """Where a fit has ended at its optimum nothing is taken away; where derivatives promise more, just that."""
-    problem = LinearProblem()
-    for away in (0.0, 1.0):
-        found = problem.evidence(problem.best(1.0, range(3)) + away)
-        fit = SimpleNamespace(problem=SimpleNamespace(tempering=1.0))
-        taken = found.score(k) - Model((), fit, found).score(k)
-        assert taken == pytest.approx(found.gain(1.0) / k**2, abs=1e-9) and (taken > 0.1) == (away > 0.0)

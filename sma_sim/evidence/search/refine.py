@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from math import exp, inf
 
 import numpy as np
@@ -75,16 +75,8 @@ class Model:
         return self.unlisted > 0.5
 
     def score(self, k: float, left_out: int | None = None) -> float:
-        """The log posterior under an overdispersion k; without one run, if any. Evidence counts the optimum for k to second
-        order: what the fit did not gain under its own overdispersion, though its derivatives promised it, is none of it."""
-        return self.evidence.score(k, left_out) - self.unrealised / k**2
-
-    @cached_property
-    def unrealised(self) -> float:
-        """What derivatives promise beyond where the fit has ended, of half the squares: where one event follows another, as
-        transformation bands do, they hold for steps too small to tell."""
-        own = self.fit.problem.tempering
-        return own**2 * self.evidence.gain(own)
+        """The log posterior under an overdispersion k; without one run, if any."""
+        return self.evidence.score(k, left_out)
 
     def reach(self, k: float) -> float:
         """The cost from which on another model has no weight beside this one: twice the window, as volumes differ too."""
