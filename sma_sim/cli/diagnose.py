@@ -27,9 +27,8 @@ from sma_sim.cli.common.options import add_config_options, announce_first_compil
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis, diagnose
 from sma_sim.evidence.diagnosis.review import reviewed
-from sma_sim.evidence.estimation.calibrate import FitOptions
+from sma_sim.evidence.estimation.calibrate import FitOptions, limits_from
 from sma_sim.evidence.estimation.interruption import stoppable
-from sma_sim.evidence.estimation.limits import limits_from
 from sma_sim.evidence.model_selection.nominal_fit import NOMINAL_STARTS, DiagnosisRequest
 from sma_sim.model.config import Config
 from sma_sim.model.given import effect_folders_of

@@ -29,9 +29,8 @@ from sma_sim.cli.common.options import (
     config_from,
     folders_beside,
 )
-from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, calibrate
+from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, calibrate, limits_from
 from sma_sim.evidence.estimation.held_out_prediction import RunFit
-from sma_sim.evidence.estimation.limits import limits_from
 from sma_sim.evidence.estimation.search_context import iteration_words
 from sma_sim.model.progress import ProgressLine
 from sma_sim.words.fit_remarks import remarks_on

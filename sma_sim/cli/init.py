@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import math
+import re
 import sys
 from collections.abc import Mapping
+from decimal import Decimal
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,15 +15,16 @@ import numpy as np
 
 from sma_sim.cli.common.commands import example_of
 from sma_sim.cli.common.options import add_config_options, announce_first_compilation, folders_beside
-from sma_sim.cli.common.robot_check import at_rest, when_heated
-from sma_sim.cli.common.units import in_unit, to_si, typed_units
+from sma_sim.evidence.data.display_units import ZERO_CELSIUS
 from sma_sim.evidence.data.tables import check_writable, write_whole
 from sma_sim.model.config import Config, read_config
 from sma_sim.model.errors import UserError
+from sma_sim.model.layout import O_EPS, O_SIGMA
 from sma_sim.model.parameter_file import yaml_number
 from sma_sim.model.parameters import DEFAULTS
+from sma_sim.solver.inputs import module_input
 from sma_sim.solver.model import Model
-from sma_sim.solver.simulate import new_run, new_work
+from sma_sim.solver.simulate import new_run, new_work, simulate
 from sma_sim.workflow.code_folders import parameter_file_at
 
 
@@ -198,3 +202,89 @@ def ask(question: Question, before: float) -> float:
             return question.value(text)
         except UserError as error:
             print(f'  {error}')
+
+
+# Numbers with the units that people have at hand, such as `98 mm` or `25 degC`, as SI values.
+PREFIXES = {'G': 1e9, 'M': 1e6, 'k': 1e3, '': 1.0, 'm': 1e-3, 'u': 1e-6, 'µ': 1e-6, 'μ': 1e-6}
+SCALES: dict[str, dict[str, float]] = {
+    'm': {f'{prefix}m': PREFIXES[prefix] for prefix in ('', 'm', 'u', 'µ', 'μ')} | {'cm': 1e-2},
+    'kg': {'kg': 1.0, 'g': 1e-3, 'mg': 1e-6},
+    'Pa': {f'{prefix}Pa': PREFIXES[prefix] for prefix in ('', 'k', 'M', 'G')} | {'N/mm^2': 1e6},
+    'Pa/K': {'Pa/K': 1.0, 'MPa/K': 1e6, 'MPa/degC': 1e6},
+    'W': {f'{prefix}W': PREFIXES[prefix] for prefix in ('', 'm', 'k')},
+    'K': {'K': 1.0},
+    '-': {'': 1.0},
+}
+CELSIUS = ('degC', '°C', 'C')
+QUANTITY = re.compile(r'\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)?\s*')
+
+
+def units_of(si: str) -> tuple[str, ...]:
+    """The units that may be typed for a quantity whose SI unit is `si`."""
+    return (*SCALES.get(si, {si: 1.0}), *(CELSIUS if si == 'K' else ()))
+
+
+def typed_units(si: str) -> str:
+    """The units that may be typed, in words."""
+    return ', '.join(unit for unit in units_of(si) if unit.isascii() and unit)
+
+
+def to_si(text: str, si: str, default_unit: str) -> float:
+    """The SI value of `text`: a number with a unit, or without one in `default_unit`. Raises UserError."""
+    match, units = QUANTITY.fullmatch(text), typed_units(si)
+    if match is None:
+        raise UserError(f'{text.strip()!r} is not a number' + (f', or a number with a unit ({units})' if units else ''))
+    number, unit = Decimal(match[1]), (match[2] or default_unit)
+    if unit not in units_of(si):
+        raise UserError(f'unit {unit!r} is not known here: expected {units or "a number without a unit"}')
+    if unit in CELSIUS and si == 'K':
+        return float(number + Decimal(repr(ZERO_CELSIUS)))
+    return float(number * Decimal(repr(SCALES.get(si, {si: 1.0})[unit])))  # in decimals: 0.15 mm is 1.5e-4 m
+
+
+def in_unit(value: float, si: str, unit: str) -> str:
+    """An SI value in another unit, as text such as `98 mm`."""
+    shown = value - ZERO_CELSIUS if unit in CELSIUS and si == 'K' else value / SCALES.get(si, {si: 1.0})[unit]
+    return f'{shown:.10g} {unit}'.rstrip()
+
+
+# Whether a robot makes sense: how it rests, and what heating does to it, in words.
+HEATING_TIME = 10.0  # [s]
+J_MAX_FRACTION = 0.5
+
+
+def at_rest(config: Config) -> str:
+    """Strain, stress and fractions of the module in static equilibrium. Raises SimulationError when there is none."""
+    model = Model(config)
+    work = new_work(model)
+    run = new_run(model, np.array([0.0, config.parameters['environment.T_E']]), work)
+    strains, stresses = 100.0 * work.first.obs[:, O_EPS], 1e-6 * work.first.obs[:, O_SIGMA]
+    words = (
+        f'At rest (static equilibrium found): wires strained by {two_numbers(strains)} %, '
+        f'stressed by {two_numbers(stresses)} MPa, '
+        f'martensite fraction {two_numbers(run.state.x_frozen)}, angle {math.degrees(run.state.y[2]):.3g} deg.'
+    )
+    if stresses.min() <= 0.0:
+        words += '\nNote: a wire is not in tension at rest; a shorter wire.l0 pre-tensions it.'
+    return words
+
+
+def when_heated(config: Config) -> str:
+    """Largest angle and temperature when one bundle is heated for a while."""
+    power = J_MAX_FRACTION * config.parameters['node.J_max']
+    command = module_input([0.0, HEATING_TIME], [power, 0.0], T_E=config.parameters['environment.T_E'])
+    run = simulate(Model(config), command, 50.0)
+    words = f'Bundle 1 heated with {power:g} W (half of node.J_max) for {HEATING_TIME:g} s: '
+    if not run.completed:
+        return f'{words}the run ended after {run.end:.3g} s: {run.reason}.'
+    angles = np.degrees(run['alpha_rad'])
+    return (
+        f'{words}the plate turns from {angles[0]:.3g} to {angles[np.argmax(np.abs(angles - angles[0]))]:.3g} deg, '
+        f'the wires reach {run["T_1_K"].max() - ZERO_CELSIUS:.0f} degC.'
+    )
+
+
+def two_numbers(values: np.ndarray) -> str:
+    """Two numbers, or one where they agree."""
+    first, second = (f'{value:.3g}' for value in values)
+    return first if first == second else f'{first} and {second}'

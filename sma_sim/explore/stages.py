@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from threading import RLock
 from typing import Any
 
-from sma_sim.evidence.estimation.limits import limits_from
+from sma_sim.evidence.estimation.calibrate import limits_from
 from sma_sim.explore.history import Version
 from sma_sim.explore.jobs import PARAMETERS, Job, job_in, jobs_in, new_job, start_process
 from sma_sim.explore.session import Session

@@ -15,10 +15,9 @@ from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.diagnosis.review import reviewed
-from sma_sim.evidence.estimation.calibrate import FitOptions, calibrate
+from sma_sim.evidence.estimation.calibrate import FitOptions, calibrate, limits_from
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.interruption import stoppable
-from sma_sim.evidence.estimation.limits import limits_from
 from sma_sim.evidence.estimation.prepared_fit import started_from_curves
 from sma_sim.evidence.estimation.search_context import OnModel, silent_model
 from sma_sim.evidence.model_selection.nominal_fit import NOMINAL_STARTS, DiagnosisRequest

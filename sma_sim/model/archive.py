@@ -27,6 +27,12 @@ from sma_sim.model.structures.structure import Structure
 
 FORMAT, SUFFIX, PACKAGE = 'sma_sim result 1', '.npz', 'sma_sim.'
 CONTENT = 'content'  # the array that holds the JSON
+MOVED = {  # modules that files name, and where their classes are now
+    'sma_sim.evidence.estimation.limits': 'sma_sim.evidence.estimation.calibrate',
+    'sma_sim.evidence.model_selection.pooled_refit': 'sma_sim.evidence.diagnosis.conclusion',
+    'sma_sim.evidence.residual_analysis.findings': 'sma_sim.evidence.residual_analysis.summary',
+    'sma_sim.evidence.residual_analysis.patterns': 'sma_sim.evidence.residual_analysis.summary',
+}
 
 
 def save(result: Any, path: str | Path) -> Path:
@@ -188,7 +194,7 @@ def resolved(name: str) -> Any:
     if not module.startswith(PACKAGE) or not inner.isidentifier():
         return None
     try:
-        return getattr(import_module(module), inner, None)
+        return getattr(import_module(MOVED.get(module, module)), inner, None)
     except ImportError:
         return None
 

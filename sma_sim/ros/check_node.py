@@ -80,11 +80,9 @@ class Observer(Protocol):
 class ModelCheck:
     """The model beside the robot whose topics one node hears."""
 
-    def __init__(
-        self, node: Node, config: Config, settings: Mapping[str, float], use_sim_time: bool, observer: Observer | None = None
-    ) -> None:
+    def __init__(self, node: Node, config: Config, use_sim_time: bool, observer: Observer | None = None) -> None:
         self._observer = observer
-        self._node, self._config, self._rate = node, config, settings['integration_rate']
+        self._node, self._config, self._rate = node, config, config.parameters['node.integration_rate']
         if not config.structure.structure.coordinates:
             raise UserError(
                 f'system = {config.system}: the live check takes its pace from joint_states, and a {config.system} has no '

@@ -5,14 +5,17 @@ Nothing that takes long to import is imported above: Ctrl-C is heard as soon as 
 
 from __future__ import annotations
 
+import gc
+import inspect
 import os
 import queue
 import shlex
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, Protocol
 
 from sma_sim.model.errors import UserError
@@ -44,13 +47,24 @@ WRONG_ARGUMENTS = ('RCLError', 'RCLInvalidROSArgsError', 'UnknownROSArgsError') 
 class Program:
     """A command that is a node: its name, what it is for, and a parameter as an example in its messages.
 
-    `live` are the numbers that a user may set while it runs.
+    `live` are the numbers that a user may set while it runs. `runner`: module and class of what it does.
     """
 
     name: str
     purpose: str
     example: str
     live: tuple[str, ...]
+    runner: str = ''
+
+    def make(self, node: Any, config: Config, use_sim_time: bool) -> Runner:
+        """What the node does; rclpy is not imported before it is known to be there."""
+        module, _, name = self.runner.partition(':')
+        runner: Runner = getattr(import_module(module), name)(node, config, use_sim_time)
+        return runner
+
+    def main(self, arguments: list[str] | None = None) -> int:
+        """Run the node; the exit code of `run_node`."""
+        return run_node(self, self.make, arguments)
 
 
 class Runner(Protocol):
@@ -66,8 +80,8 @@ class Runner(Protocol):
         """At the end, also after an error."""
 
 
-# Makes a runner from a node, its configuration, the numbers of node.* and use_sim_time.
-RunnerFactory = Callable[[Any, 'Config', Mapping[str, float], bool], Runner]
+# Makes a runner from a node, its configuration and use_sim_time.
+RunnerFactory = Callable[[Any, 'Config', bool], Runner]
 
 
 def short_message(error: Exception) -> str:
@@ -171,20 +185,6 @@ def compile_first(name: str) -> None:
     compile_fixed_rate()
 
 
-def configured_runner(
-    node: Any, make: RunnerFactory, live: Collection[str], in_files: Mapping[str, RawValue]
-) -> tuple[Runner, Mapping[str, float]]:
-    """What a node does, by the parameters that were given to it, and its ``node.*`` numbers. Raises UserError."""
-    from sma_sim.ros.parameters import configure
-    from sma_sim.ros.qos import take_overrides, warn_of_unused
-
-    config, settings = configure(node, live, in_files)
-    overrides = take_overrides(node)
-    runner = make(node, config, settings, bool(node.get_parameter('use_sim_time').value))
-    warn_of_unused(node, overrides)
-    return runner, settings
-
-
 class Server:
     """Serves a node's messages and requests in a thread of its own."""
 
@@ -221,8 +221,8 @@ def serve_node(
 ) -> int:
     """Make the node, with what parameter files say, and let it work until `stop` is set; `working` says that it is made."""
     from sma_sim.ros.parameter_node import ParameterNode
-    from sma_sim.ros.parameters import overrides_of
-    from sma_sim.ros.realtime import freeze_objects, prepare_logging, switch_threads_often, use_realtime_priority
+    from sma_sim.ros.parameters import configure, overrides_of
+    from sma_sim.ros.qos import take_overrides, warn_of_unused
     from sma_sim.solver.simulate import SimulationError
 
     node = ParameterNode(
@@ -230,12 +230,15 @@ def serve_node(
         automatically_declare_parameters_from_overrides=True,
         parameter_overrides=overrides_of(in_files),
     )
-    runner, settings = configured_runner(node, make, program.live, in_files)
+    config = configure(node, program.live, in_files)
+    overrides = take_overrides(node)
+    runner = make(node, config, bool(node.get_parameter('use_sim_time').value))
+    warn_of_unused(node, overrides)
     prepare_logging()
     working.set()
     server = Server(node)
     try:
-        use_realtime_priority(round(settings['realtime_priority']))
+        use_realtime_priority(round(config.parameters['node.realtime_priority']))
         freeze_objects()
         switch_threads_often()
         runner.begin(stop)
@@ -255,3 +258,43 @@ def model_description(config: Config) -> str:
     """Which model runs, in a few words."""
     effects = ', '.join(active.found.effect.name for active in config.effects) or 'none'
     return f'{config.simulated_kinetics} model, effects {effects}'
+
+
+# Steps in time: no long garbage collection, no long wait for the interpreter, a real-time priority where asked for.
+SWITCH_INTERVAL = 5e-4  # [s] after which a thread hands over the interpreter; Python's own 5 ms are five steps
+
+
+def switch_threads_often() -> None:
+    """Let the thread that steps have the interpreter at once, while the recorder's or the executor's works."""
+    sys.setswitchinterval(SWITCH_INTERVAL)
+
+
+def freeze_objects() -> None:
+    """Keep what the start has made out of all later garbage collections, each of which would take a tenth of a second."""
+    gc.collect()
+    gc.freeze()
+
+
+def prepare_logging() -> None:
+    """Let `inspect`, by which rclpy finds the caller of a message, look through all modules now: its first time is long."""
+    inspect.getmodule(inspect.currentframe())
+
+
+def use_realtime_priority(priority: int) -> None:
+    """Give the calling thread a priority of SCHED_FIFO, 1 to 99; 0 leaves it as it is.
+
+    Raises UserError where the system has no such priorities or doesn't allow this one.
+    """
+    if priority == 0:
+        return
+    if not hasattr(os, 'sched_setscheduler'):
+        raise UserError(f'node.realtime_priority = {priority}: this system has no SCHED_FIFO; set it to 0')
+    try:
+        # not for the threads that this one starts, such as the recorder's
+        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+    except PermissionError as error:
+        raise UserError(
+            f'node.realtime_priority = {priority}: the system does not allow it. Allow it with a line such as\n'
+            f'  <user>  -  rtprio  {priority}\n'
+            'in /etc/security/limits.conf and log in again, or set it to 0'
+        ) from error

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -28,11 +28,11 @@ AMBIENT = 'ambient_temperature'
 class Inputs:
     """The input of a run, step by step; what is applied is published when it changes."""
 
-    def __init__(self, node: Node, config: Config, settings: Mapping[str, float], publishers: Publishers) -> None:
-        structure = config.structure.structure
-        self.command = heating_command(node, structure, settings['J_max'], settings['command_timeout'])
-        self.ambient = Ambient(node, config.parameters['environment.T_E'])
-        self.set_points = [SetPoint(node, drive, config.parameters['environment.T_E']) for drive in structure.drives]
+    def __init__(self, node: Node, config: Config, publishers: Publishers) -> None:
+        structure, numbers = config.structure.structure, config.parameters
+        self.command = heating_command(node, structure, numbers['node.J_max'], numbers['node.command_timeout'])
+        self.ambient = Ambient(node, numbers['environment.T_E'])
+        self.set_points = [SetPoint(node, drive, numbers['environment.T_E']) for drive in structure.drives]
         self._publishers, self._messages = publishers, Messages(structure)
         self._heating_applied = f'{self.command.topic}{APPLIED}'
         self._points: list[float] = []

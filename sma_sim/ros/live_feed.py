@@ -18,7 +18,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING, Any
@@ -145,7 +145,7 @@ def main(arguments: list[str] | None = None) -> int:
     return run_node(PROGRAM, fed_check, arguments)
 
 
-def fed_check(node: Any, config: Config, settings: Mapping[str, float], use_sim_time: bool) -> Runner:
+def fed_check(node: Any, config: Config, use_sim_time: bool) -> Runner:
     """The model beside the robot; rclpy is not imported before it is known to be there."""
     from sma_sim.ros.check_node import ModelCheck
     from sma_sim.ros.robot_recorder import RobotRecorder
@@ -153,7 +153,7 @@ def fed_check(node: Any, config: Config, settings: Mapping[str, float], use_sim_
     structure, numbers = config.structure.structure, config.parameters
     recorder = RobotRecorder(node, structure, (numbers['node.record_size'], numbers['node.record_duration']))
     feed = Feed(structure, recorder)
-    check = ModelCheck(node, config, settings, use_sim_time, feed)
+    check = ModelCheck(node, config, use_sim_time, feed)
     Thread(target=feed.obey, args=(sys.stdin, check.use), daemon=True).start()
     return check
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Mapping
 from typing import Any
 
 from numpy.typing import NDArray
@@ -44,24 +43,25 @@ CLOCK_RATE, MARKER_RATE = 100.0, 20.0  # [1/s] at the least and at the most, as 
 class ModuleSimulation:
     """The simulated structure behind the topics of one node."""
 
-    def __init__(self, node: Node, config: Config, settings: Mapping[str, float], use_sim_time: bool) -> None:
-        self._node, self._config, self._rate, self._settings = node, config, settings['integration_rate'], dict(settings)
+    def __init__(self, node: Node, config: Config, use_sim_time: bool) -> None:
+        self._node, self._config, numbers = node, config, config.parameters
+        self._rate, self._factor = numbers['node.integration_rate'], numbers[REAL_TIME_FACTOR]
         self._logger = node.get_logger()
         self._commands, self._clock = Inbox(node), clock_inbox(node)
         try:
-            self._every = steps_per_sample(self._rate, settings['publish_rate'])
+            self._every = steps_per_sample(self._rate, numbers['node.publish_rate'])
         except UserError as error:
             raise UserError(f'node.publish_rate and node.integration_rate: {error}') from error
         self._is_clock = bool(config.settings['node.publish_clock'])
         if self._is_clock and use_sim_time:
             raise UserError('node.publish_clock and use_sim_time: a node is the source of /clock or follows it, not both')
         self._clock_every = largest_divisor(self._every, self._rate / CLOCK_RATE)
-        self._picture_every = self._every * math.ceil(settings['publish_rate'] / MARKER_RATE)
+        self._picture_every = self._every * math.ceil(numbers['node.publish_rate'] / MARKER_RATE)
         self._model = Model(config)
         structure = self._model.structure
         self._messages = Messages(structure)
         self._publishers = Publishers(node, config, self._is_clock)
-        self._inputs = Inputs(node, config, settings, self._publishers)
+        self._inputs = Inputs(node, config, self._publishers)
         self._new_run()
         for note in self._run.notes:
             self._logger.info(note)
@@ -92,10 +92,10 @@ class ModuleSimulation:
         if stop.is_set():
             return
         self._begin()
+        topic, rate = self._inputs.command.topic, self._config.parameters['node.publish_rate']
         self._logger.info(
-            f'running: {model_description(self._config)}, {self._rate:g} steps/s, '
-            f'{self._settings["publish_rate"]:g} messages/s per topic; waiting for {self._inputs.command.topic} [W]; '
-            'stop with Ctrl-C'
+            f'running: {model_description(self._config)}, {self._rate:g} steps/s, {rate:g} messages/s per topic; '
+            f'waiting for {topic} [W]; stop with Ctrl-C'
         )
 
     def spin(self, stop: threading.Event) -> None:
@@ -151,7 +151,7 @@ class ModuleSimulation:
         """Offer services, and take parameters that are set while the node runs."""
         self._control = Control(node, self)
         self._recording.serve(node, self._control)
-        wrong = refused_value(STEPS_PER_CALL, self._settings['steps_per_call'], self._follows)
+        wrong = refused_value(STEPS_PER_CALL, self._config.parameters[STEPS_PER_CALL], self._follows)
         if wrong:
             raise UserError(wrong)
         self._set_steps_per_call()
@@ -185,17 +185,16 @@ class ModuleSimulation:
 
     def _set_pace(self) -> str:
         """Another real-time factor, between two steps; the counts of overruns go on."""
-        before, self._settings['real_time_factor'] = self._schedule, self._value(REAL_TIME_FACTOR)
+        before, self._factor = self._schedule, self._value(REAL_TIME_FACTOR)
         self._schedule = self._new_schedule(self._follows)
         self._schedule.overruns, self._schedule.lost = before.overruns, before.lost
         return ''
 
     def _new_schedule(self, use_sim_time: bool) -> Schedule:
         if not use_sim_time:
-            factor = self._settings['real_time_factor']
-            follows = factor == 1.0 and not self._is_clock and bool(self._config.settings['node.stamps_follow_clock'])
-            return WallSchedule(self._rate, factor, self._now if follows else None)
-        if self._settings['real_time_factor'] != 1.0:
+            follows = self._factor == 1.0 and not self._is_clock and bool(self._config.settings['node.stamps_follow_clock'])
+            return WallSchedule(self._rate, self._factor, self._now if follows else None)
+        if self._factor != 1.0:
             self._logger.warning('use_sim_time: /clock sets the pace, node.real_time_factor is not used')
         return ClockSchedule(self._rate, self._now, self._clock.wait)
 

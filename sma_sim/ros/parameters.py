@@ -96,10 +96,8 @@ def given_to(node: Node) -> dict[str, RawValue]:
     return given
 
 
-def configure(
-    node: Node, live: Collection[str] = LIVE, in_files: Mapping[str, RawValue] = MappingProxyType({})
-) -> tuple[Config, Mapping[str, float]]:
-    """Check what was given, declare every parameter, and return the configuration and the ``node.*`` numbers.
+def configure(node: Node, live: Collection[str] = LIVE, in_files: Mapping[str, RawValue] = MappingProxyType({})) -> Config:
+    """Check what was given, declare every parameter, and return the configuration.
 
     Numbers in `live` may be set while the node runs, all else is read-only then; `in_files` is what parameter files say.
     Raises UserError.
@@ -129,8 +127,7 @@ def configure(
         words = ParameterDescriptor(description=setting.description, read_only=True, type=kind)
         node.declare_parameter(name, config.settings[name], words, ignore_override=True)
     declare_effects(node, config, given)
-    settings = {name.removeprefix('node.'): config.parameters[name] for name in DEFAULTS if name.startswith('node.')}
-    return config, settings
+    return config
 
 
 def declare_effects(node: Node, config: Config, given: Mapping[str, RawValue]) -> None:

@@ -18,9 +18,21 @@ from sma_sim import UserError
 from sma_sim.cli.main import main
 from sma_sim.explore.differences import differences
 from sma_sim.model.config import Config, read_config
-from sma_sim.report.html.figure_json import GAP, figure_json, packed_curve
 from sma_sim.report.html.figures import envelope, log_axis, new_figure, stretches
-from sma_sim.report.html.page import Bullets, Grid, Paragraph, Plot, Section, Table, Tabs, elapsed_words, write_page
+from sma_sim.report.html.page import (
+    GAP,
+    Bullets,
+    Grid,
+    Paragraph,
+    Plot,
+    Section,
+    Table,
+    Tabs,
+    elapsed_words,
+    figure_json,
+    packed_curve,
+    write_page,
+)
 
 PATIENCE = 60.0  # [s]
 MAX_BYTES = 3e6

@@ -18,14 +18,12 @@ from sma_sim.evidence.estimation.chi_square import chi_square_tail
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.residual_analysis.compare import compare
 from sma_sim.evidence.residual_analysis.error_by_stratum import all_splits
-from sma_sim.evidence.residual_analysis.findings import find_error_regions
 from sma_sim.evidence.residual_analysis.metrics import channel_score, ljung_box
 from sma_sim.evidence.residual_analysis.paired_comparison import error_changes
-from sma_sim.evidence.residual_analysis.patterns import find_patterns
 from sma_sim.evidence.residual_analysis.spectrum import BAND_EDGES, error_bands, welch
 from sma_sim.evidence.residual_analysis.strata import band_dimension, dimensions, round_step
 from sma_sim.evidence.residual_analysis.subgroups import Condition, Conditions, find_region, find_regions
-from sma_sim.evidence.residual_analysis.summary import summarize
+from sma_sim.evidence.residual_analysis.summary import find_error_regions, find_patterns, summarize
 from sma_sim.evidence.residual_analysis.wire_states import RESTING, with_derived_states
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from sma_sim import Config, Recording, module_input
+from sma_sim.evidence.estimation.calibrate import limits_reached
 from sma_sim.evidence.estimation.free_parameters import choose_free, free_parameter
 from sma_sim.evidence.estimation.levenberg_marquardt import secant_update
-from sma_sim.evidence.estimation.limits import limits_reached
 from sma_sim.evidence.estimation.plausibility import is_form, plausible_range
 from sma_sim.evidence.estimation.problem import LinearizedRun, assembled, difference_points
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference

@@ -13,10 +13,10 @@ from test_recordings_in_fits import problem_of as module_problem
 
 from sma_sim import FitOptions, calibrate
 from sma_sim.evidence.diagnosis import conclusion
+from sma_sim.evidence.estimation.calibrate import limits_from, limits_reached, within_limits
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, free_parameter
 from sma_sim.evidence.estimation.held_out_prediction import RunFit
-from sma_sim.evidence.estimation.limits import limits_from, limits_reached, within_limits
 from sma_sim.evidence.estimation.problem import LinearizedRun
 from sma_sim.evidence.estimation.residuals import Nuisance, compared
 from sma_sim.evidence.estimation.search_context import SearchContext

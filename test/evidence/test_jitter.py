@@ -7,8 +7,7 @@ import pytest
 from simulated_data import command, config, recording
 
 from sma_sim import Model, Recording, simulate, wire_input
-from sma_sim.evidence.data.input_simplification import corners, simplified_input
-from sma_sim.evidence.estimation.residuals import fit_data, predict
+from sma_sim.evidence.estimation.residuals import corners, fit_data, predict, simplified_input
 
 NOISE = {'stress': 1e6}
 RAMP = (np.array([0.0, 800.0, 1600.0]), np.array([0.0, 0.04, 0.0]))

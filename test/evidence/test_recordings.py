@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from made_recordings import RATE, cells_of, module_columns, text_of, write_recording
 
-from sma_sim.evidence.data.cleaning import outliers, saturated
+from sma_sim.evidence.data.assemble import outliers, saturated
 from sma_sim.evidence.data.recordings import read_dataset, read_recording
 from sma_sim.evidence.data.rosbag.raw_messages import open_bag
 from sma_sim.evidence.data.rosbag.run_writer import write_mcap

@@ -12,8 +12,7 @@ from test_recordings_in_fits import module_run, problem_of
 from sma_sim import Config
 from sma_sim.evidence.estimation import calibrate as calibration
 from sma_sim.evidence.estimation import held_out_prediction
-from sma_sim.evidence.estimation import starting_points as starts_of_fits
-from sma_sim.evidence.estimation.calibrate import FitOptions
+from sma_sim.evidence.estimation.calibrate import FitOptions, StartingPoint
 from sma_sim.evidence.estimation.curve_features import CurveFeatures
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.held_out_prediction import (
@@ -26,7 +25,6 @@ from sma_sim.evidence.estimation.held_out_prediction import (
 from sma_sim.evidence.estimation.prepared_fit import PreparedFit
 from sma_sim.evidence.estimation.run_subset import MAX_SUBSET_RUNS, from_subset, run_subset, subset_indices, to_subset
 from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.estimation.starting_points import StartingPoint
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS, WEAKLY_DAMPED
 
 
@@ -52,22 +50,22 @@ def test_further_starts_are_spread_about_the_middle_where_runs_can_be_made(monke
         asked.append(z)
         return len(asked) % 3 == 0
 
-    monkeypatch.setattr(starts_of_fits, 'feasible', feasible)
-    found = [point.z for point in starts_of_fits.starting_points(problem, {}, 40, 5, None)]
+    monkeypatch.setattr(calibration, 'feasible', feasible)
+    found = [point.z for point in calibration.starting_points(problem, {}, 40, 5, None)]
     assert len(found) == 40 and not found[0].any() and len(asked) == 3 * 39
     assert np.std([z[:3] for z in asked]) == pytest.approx(0.25, rel=0.15)
     assert (np.array(found[1]) == asked[2]).all()
     asked.clear()
-    monkeypatch.setattr(starts_of_fits, 'feasible', lambda *_: asked.append(0))
-    assert len(starts_of_fits.starting_points(problem, {}, 3, 0, None)) == 1 and len(asked) == 40
+    monkeypatch.setattr(calibration, 'feasible', lambda *_: asked.append(0))
+    assert len(calibration.starting_points(problem, {}, 3, 0, None)) == 1 and len(asked) == 40
 
 
 def test_what_curves_show_is_the_second_start_where_that_is_elsewhere(monkeypatch):
     problem = problem_of()
-    monkeypatch.setattr(starts_of_fits, 'feasible', lambda *_: True)
+    monkeypatch.setattr(calibration, 'feasible', lambda *_: True)
     free = problem.free[1]
     for z, count in ((0.2, 0), (-1.5, 1), (1e3, 1)):  # as near as a random one; elsewhere; beyond the bounds
-        found = starts_of_fits.starting_points(problem, {free.name: free.value(min(z, 20.0)), 'wire.n': 7.0}, 2, 0, None)
+        found = calibration.starting_points(problem, {free.name: free.value(min(z, 20.0)), 'wire.n': 7.0}, 2, 0, None)
         assert len(found) == 2 and not found[0].z.any()
         expected = np.zeros(len(found[1].z))
         expected[1] = np.clip(z, free.low, free.high)
@@ -81,10 +79,10 @@ def test_data_take_over_from_the_priors_gradually(monkeypatch):
         factors.append(weighted.runs[0].weight.max() / problem.runs[0].weight.max())
         return FitResult(weighted, z + 1.0, 5.0, 3)
 
-    monkeypatch.setattr(starts_of_fits, 'minimize', minimized)
-    point = StartingPoint(np.zeros(4), starts_of_fits.GRADUALLY)
-    found = starts_of_fits.minimized_from(point, problem, FROM_PRIORS, SearchContext(None, Event()), '')
-    assert factors == pytest.approx(starts_of_fits.GRADUALLY) and factors[-1] == 1.0
+    monkeypatch.setattr(calibration, 'minimize', minimized)
+    point = StartingPoint(np.zeros(4), calibration.GRADUALLY)
+    found = calibration.minimized_from(point, problem, FROM_PRIORS, SearchContext(None, Event()), '')
+    assert factors == pytest.approx(calibration.GRADUALLY) and factors[-1] == 1.0
     assert found.problem is problem and found.iterations == 12 and (found.z == 4.0).all()
 
 
@@ -148,7 +146,7 @@ def test_each_start_is_minimised_and_others_are_said_beside_the_best(monkeypatch
 
     monkeypatch.setattr(calibration, 'problem_for', lambda *_: problem)
     monkeypatch.setattr(calibration, 'starting_points', starts)
-    monkeypatch.setattr(starts_of_fits, 'minimize', minimized)
+    monkeypatch.setattr(calibration, 'minimize', minimized)
     monkeypatch.setattr(calibration, 'continued_fit', continued)
     monkeypatch.setattr(calibration, 'overdispersion', lambda *_: 2.0)
     recordings = tuple(SimpleNamespace(time=np.arange(10.0)) for _ in range(10))

@@ -15,11 +15,17 @@ from sma_sim.evidence.estimation.levenberg_marquardt import start_point
 from sma_sim.evidence.estimation.problem import residuals_at
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import with_effect
-from sma_sim.evidence.set_up.check import faults_before_fits, thinned
+from sma_sim.evidence.set_up.check import (
+    copied_commands,
+    exchanged_commands,
+    faults_before_fits,
+    isolated,
+    outliers,
+    symmetries,
+    thinned,
+    told_apart,
+)
 from sma_sim.evidence.set_up.faults import Fault, corrected, with_command, without_faults
-from sma_sim.evidence.set_up.mistaken_runs import copied_commands, exchanged_commands
-from sma_sim.evidence.set_up.samples import isolated, outliers
-from sma_sim.evidence.set_up.symmetry import symmetries, told_apart
 from sma_sim.solver.inputs import inputs_at
 from sma_sim.words.diagnosis_data import as_data
 from sma_sim.words.diagnosis_text import as_text

@@ -5,10 +5,10 @@ from types import SimpleNamespace
 
 import pytest
 
+from sma_sim.evidence.diagnosis.conclusion import PooledErrors
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter
 from sma_sim.evidence.estimation.uncertainty import AmbientDifference, Interval
-from sma_sim.evidence.model_selection.pooled_refit import PooledErrors
 from sma_sim.model.effects.discovery import find_effects
 from sma_sim.words.diagnosis_text import as_text, headline, remarks, short_title
 from sma_sim.words.proposed_equation import error_words

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sma_sim.cli.common.units import in_unit, to_si, units_of
+from sma_sim.cli.init import in_unit, to_si, units_of
 from sma_sim.cli.main import main
 from sma_sim.model.config import Config, read_config
 from sma_sim.model.errors import UserError

@@ -127,7 +127,7 @@ def of_node(context, *words):
         start_parameter_services=False,
     )
     try:
-        config, _ = configure(node, in_files=given)
+        config = configure(node, in_files=given)
         return config, take_overrides(node), node.get_parameter('use_sim_time').value
     finally:
         node.destroy_node()

@@ -10,7 +10,7 @@ import ros_client
 from sensor_msgs.msg import JointState
 
 from sma_sim.model.errors import UserError
-from sma_sim.ros.realtime import freeze_objects, use_realtime_priority
+from sma_sim.ros.entry import freeze_objects, use_realtime_priority
 
 LOOKED = """
 import inspect, sys

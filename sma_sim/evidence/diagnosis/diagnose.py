@@ -17,6 +17,7 @@ from sma_sim.evidence.data.train_test_split import hold_out_last, pooled
 from sma_sim.evidence.diagnosis.conclusion import (
     HeldOutVerdict,
     ModelStage,
+    PooledErrors,
     StageData,
     StageKind,
     conclusion,
@@ -33,7 +34,6 @@ from sma_sim.evidence.estimation.recording_differences import RecordingDifferenc
 from sma_sim.evidence.estimation.search_context import OnProgress, SearchContext
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fits, report_model
-from sma_sim.evidence.model_selection.pooled_refit import PooledErrors
 from sma_sim.evidence.search.beam import search
 from sma_sim.evidence.search.confounding import Confounding, SimilarEffect, confoundings, most_similar
 from sma_sim.evidence.search.equations import Proposal, has_terms, proposal_of

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import chain
 from math import inf, nan
 from threading import Event
 from typing import Any
@@ -27,24 +28,23 @@ from sma_sim.evidence.estimation.free_parameters import (
     FixedParameter,
     FreeParameter,
     choose_free,
+    declared_parameters,
     under_nuisance_priors,
     with_nuisance_names,
 )
 from sma_sim.evidence.estimation.held_out_prediction import RunFit, mean_error, run_fits, with_starts
-from sma_sim.evidence.estimation.levenberg_marquardt import cost_at, minimize, start_point
-from sma_sim.evidence.estimation.limits import LimitReached, Range, limits_reached, within_limits
+from sma_sim.evidence.estimation.levenberg_marquardt import cost_at, feasible, minimize, start_point
 from sma_sim.evidence.estimation.log_evidence import DECISIVE, kinetics_probabilities, log_evidences
 from sma_sim.evidence.estimation.materials import MATERIALS
 from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, implausible_parameters, reported_covariance
 from sma_sim.evidence.estimation.prepared_fit import PreparedFit, check_kinetics, prepare
-from sma_sim.evidence.estimation.problem import LinearizedRun, Problem
-from sma_sim.evidence.estimation.residuals import FitData, fit_data
+from sma_sim.evidence.estimation.problem import AMBIENT, DELAY, START, LinearizedRun, Problem
+from sma_sim.evidence.estimation.residuals import ZERO_STDS, FitData, fit_data
 from sma_sim.evidence.estimation.run_estimates import ParameterByRun, ReducedRun, estimates_by_run, reduced_run
 from sma_sim.evidence.estimation.run_subset import from_subset, run_subset
 from sma_sim.evidence.estimation.run_tangents import LOOSER, has_tangents
 from sma_sim.evidence.estimation.search_context import OnIteration, SearchContext, iteration_words, silent
-from sma_sim.evidence.estimation.starting_points import minimized_from, starting_points
 from sma_sim.evidence.estimation.stop_criteria import ALL_SAMPLES, FROM_PRIORS, WEAKLY_DAMPED, StopCriteria
 from sma_sim.evidence.estimation.uncertainty import (
     Interval,
@@ -63,6 +63,7 @@ from sma_sim.model.errors import UserError
 from sma_sim.model.expected import expect
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.optional import require
+from sma_sim.model.parameters import Parameter
 from sma_sim.model.progress import progress_line
 from sma_sim.model.renamed import renamed
 from sma_sim.model.shown import Shown, listed, text_table
@@ -523,3 +524,210 @@ def errors_by_channel(problem: Problem, fits: Sequence[RunFit]) -> dict[str, flo
                 counts[name] = counts.get(name, 0) + count
                 squares[name] = squares.get(name, 0.0) + count * fit.channel_errors[name] ** 2
     return {name: float(np.sqrt(squares[name] / counts[name])) for name in counts}
+
+
+# Where the minimisations of a fit start, and by which weights of the data they come to the whole of them.
+SPREAD = 0.25  # of further starts, in standard deviations of the priors
+TRIES = 20  # for a further start at which every run can be made
+START_END = 0.9  # of the way to an end of the hysteresis
+# Weights of the residuals with which data take over from priors. At first these hold what would hide a wrong valley of a
+# single wire, a force's zero and drift and where its runs begin, so that its parameters go where the data lead them.
+GRADUALLY = (0.001, 0.01, 0.1, 1.0)
+
+
+@dataclass(frozen=True)
+class StartingPoint:
+    """A point z (n,) and the factors of the weights with which it is minimised, one after the other."""
+
+    z: Vector
+    weights: tuple[float, ...] = (1.0,)
+
+
+def starting_points(
+    problem: Problem, shown: Mapping[str, float], count: int, seed: int, pool: Executor
+) -> list[StartingPoint]:
+    """The middle of the priors; if more are asked for, what a single wire gives reason to try, then random points.
+
+    The curves of its tests may have `shown` parameters elsewhere. Every run can be made at all points but the first.
+    """
+    middle = start_point(problem)
+    points, random = [StartingPoint(middle)], np.random.default_rng(seed)
+    if count == 1:
+        return points
+    given = [*point_of(problem, shown), *points_of_single_wire(problem)]
+    further = (StartingPoint(SPREAD * random.normal(size=len(middle))) for _ in range(TRIES * (count - 1)))
+    for guess in chain(given, further):
+        if len(points) >= max(count, 1 + len(given)):
+            break
+        point = StartingPoint(start_point(problem, guess.z), guess.weights)
+        if feasible(problem, point.z, pool):
+            points.append(point)
+    return points
+
+
+def point_of(problem: Problem, shown: Mapping[str, float]) -> list[StartingPoint]:
+    """The point at which parameters have the values that were `shown`; none where that is hardly beside the middle."""
+    point = np.zeros(len(start_point(problem)))
+    for k, free in enumerate(problem.free):
+        if free.name in shown:
+            point[k] = free.coordinate(shown[free.name])
+    return [StartingPoint(point)] if np.any(np.abs(point) > SPREAD) else []
+
+
+def points_of_single_wire(problem: Problem) -> list[StartingPoint]:
+    """Priors that give way gradually, and runs that begin near either end of the hysteresis; none for several wires.
+
+    A wire at a fixed strain has a valley for either, where the zeros and drifts of its force hide that its runs begin wrong.
+    """
+    if any(problem.wires(run) != 1 for run in problem.runs):
+        return []
+    begins = [unknown is START for unknown in problem.unknowns]
+    ends = [StartingPoint(np.where(begins, START_END * end, 0.0)) for end in (START.low, START.high)]
+    return [StartingPoint(np.zeros(len(begins)), GRADUALLY), *ends]
+
+
+def minimized_from(
+    point: StartingPoint, problem: Problem, criteria: StopCriteria, context: SearchContext, label: str
+) -> FitResult:
+    """The optimum to which a starting point leads; iterations of all its weights."""
+    z, iterations = point.z, 0
+    for factor in point.weights:
+        fit = minimize(problem.weighted(factor), z, criteria, context, label)
+        z, iterations = fit.z, iterations + fit.iterations
+    return replace(fit, problem=problem, iterations=iterations)
+
+
+# Limits of a fit: those that a user moves, and the estimates that ended at one.
+#
+# A limit is there so that a fit ends; the truth may lie beyond it. What ended at one is said, and how to move it.
+Range = tuple[float, float]
+AT_LIMIT = 1e-6  # of a coordinate
+NEAR_LIMIT = 0.05  # of the way from the middle of its prior, which pulls it back, to a limit
+DELAY_NAME, STRAIN_ZERO = 'delay', 'zero.strain'  # as a user names them
+
+
+@dataclass(frozen=True)
+class LimitReached:
+    """An estimate that ended at `low` or `high` (SI); in some `recordings` where each has its own.
+
+    Not `is_movable` where that is the end of what the parameter can be at all.
+    """
+
+    name: str
+    value: float
+    low: float
+    high: float
+    unit: str
+    recordings: tuple[str, ...] = ()
+    is_movable: bool = True
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        unit = '' if self.unit == '-' else f' {self.unit}'
+        if not self.is_movable:
+            between = f'{self.low:.4g} to {self.high:.4g}'
+            return f'{self.name} = {self.value:.4g}{unit} ended at the end of what it can be ({between})'
+        where = f' in {", ".join(self.recordings)}' if self.recordings else ''
+        return (
+            f'{self.name} = {self.value:.4g}{unit} ended at a limit of the fit{where} ({self.low:.4g} to {self.high:.4g}): '
+            f'the true value may be beyond it ({self.cure})'
+        )
+
+    @property
+    def cure(self) -> str:
+        """How the limit is moved."""
+        if self.name.startswith('zero.') and self.name != STRAIN_ZERO:
+            return 'it is four times the zero_std of the map'
+        if self.name == 'ambient':
+            return 'it is five times what rooms differ by'
+        return f'move it: --limit {self.name}=LOW:HIGH'
+
+
+def limits_from(words: Sequence[str]) -> dict[str, Range]:
+    """Limits by name [SI] from ``name=low:high`` words. Raises UserError."""
+    limits = {}
+    for word in words:
+        name, _, ends = word.partition('=')
+        try:
+            low, high = map(float, ends.split(':'))
+        except ValueError as error:
+            raise UserError(f'--limit {word}: expected NAME=LOW:HIGH in SI units, such as delay=-2:5') from error
+        limits[name.strip()] = (low, high)
+    return limits
+
+
+def within_limits(problem: Problem, limits: Mapping[str, Range]) -> Problem:
+    """A problem whose parameters, delay and zeros of strain lie between `limits` (SI) by name. Raises UserError."""
+    names = [free.name for free in problem.free]
+    for name, (low, high) in limits.items():
+        if name not in (*names, DELAY_NAME, STRAIN_ZERO):
+            raise UserError(
+                f'--limit {name}: expected {DELAY_NAME}, {STRAIN_ZERO}, or a parameter that is fitted: {", ".join(names)}'
+            )
+        if not low < high:
+            raise UserError(f'--limit {name}={low:g}:{high:g}: expected the lower end first')
+    free = tuple(narrowed(one, limits[one.name]) if one.name in limits else one for one in problem.free)
+    delay = tuple(map(DELAY.coordinate, limits[DELAY_NAME])) if DELAY_NAME in limits else problem.delay_range
+    runs = problem.runs
+    if STRAIN_ZERO in limits:
+        runs = tuple(replace(run, zero_range=limits[STRAIN_ZERO]) for run in runs)
+    return replace(problem, free=free, delay_range=(delay[0], delay[1]), runs=runs)
+
+
+def narrowed(free: FreeParameter, limits: Range) -> FreeParameter:
+    """A parameter between other bounds (SI). Raises UserError for a logarithmic one that is to be 0 or less."""
+    if free.log and limits[0] <= 0.0:
+        raise UserError(f'--limit {free.name}={limits[0]:g}:{limits[1]:g}: expected more than 0')
+    return replace(free, low=free.coordinate(limits[0]), high=free.coordinate(limits[1]))
+
+
+def limits_reached(problem: Problem, z: Vector, runs: Sequence[RunFit]) -> tuple[LimitReached, ...]:
+    """All estimates of a fit that ended at a limit. `runs`: what it says of every recording."""
+    declared = declared_parameters(problem.config)
+    found = [
+        of_unknown(one, float(x), declared.get(one.name))
+        for one, x in zip(problem.shared, z, strict=False)
+        if is_at_limit(one, float(x))
+    ]
+    offsets = dict[str, list[tuple[str, float, Range]]]()
+    for data, fit in zip(problem.runs, runs, strict=True):
+        stds = dict(zip(data.channels, data.zero_std, strict=bool(data.zero_std)))
+        given = {f'zero.{channel}': (value, std_range(stds[channel])) for channel, value in fit.zeros.items()}
+        given |= {STRAIN_ZERO: (fit.zero, data.zero_range)} if fit.zero else {}
+        given |= {'ambient': (fit.ambient, (AMBIENT.low * fit.ambient_std, AMBIENT.high * fit.ambient_std))}
+        for name, (value, between) in given.items():
+            if between[0] < between[1] and not within(value, between):
+                offsets.setdefault(name, []).append((fit.name, value, between))
+    units = {'ambient': 'K', STRAIN_ZERO: '-'}
+    found += [
+        LimitReached(name, where[0][1], *where[0][2], units.get(name, 'SI'), tuple(run for run, _, _ in where))
+        for name, where in offsets.items()
+    ]
+    return tuple(found)
+
+
+def std_range(std: float) -> Range:
+    """Between which values a zero of this standard deviation is estimated."""
+    return -ZERO_STDS * std, ZERO_STDS * std
+
+
+def within(value: float, between: Range) -> bool:
+    """Whether a value is away from the ends of what it may be, whose middle is expected."""
+    middle, reach = 0.5 * (between[0] + between[1]), 0.5 * (between[1] - between[0])
+    return abs(value - middle) < (1.0 - NEAR_LIMIT) * reach
+
+
+def is_at_limit(unknown: FreeParameter, x: float) -> bool:
+    """Whether a coordinate lies at an end of its range, or so far towards it that only its prior may have kept it back."""
+    return x - unknown.low < max(AT_LIMIT, -NEAR_LIMIT * unknown.low) or unknown.high - x < max(
+        AT_LIMIT, NEAR_LIMIT * unknown.high
+    )
+
+
+def of_unknown(unknown: FreeParameter, x: float, declared: Parameter | None) -> LimitReached:
+    """A shared unknown that ended at a limit."""
+    ends = unknown.value(unknown.low), unknown.value(unknown.high)
+    end, bound = (k[x - unknown.low > unknown.high - x] for k in (ends, declared.bounds if declared else (-inf, inf)))
+    movable = abs(end - bound) > AT_LIMIT * max(abs(end), abs(unknown.scale))
+    return LimitReached(unknown.name, unknown.value(x), *ends, unknown.unit, is_movable=movable)

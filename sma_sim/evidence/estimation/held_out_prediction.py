@@ -22,10 +22,10 @@ from sma_sim.evidence.estimation.residuals import (
     fit_data,
     offsets_of,
     planned_run,
+    with_start,
     zero_of,
 )
 from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.estimation.starts import with_start
 from sma_sim.evidence.estimation.stop_criteria import RUN_UNKNOWNS
 from sma_sim.model.config import Config
 from sma_sim.model.expected import expect

@@ -9,9 +9,8 @@ from math import nan
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.data.input_simplification import simplified_input
+from sma_sim.evidence.data.noise import estimate_noise
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Recording, is_resistance
-from sma_sim.evidence.estimation.starts import start_of
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.expected import expect
@@ -21,6 +20,7 @@ from sma_sim.solver.inputs import Input, inputs_at
 from sma_sim.solver.integrate import Run
 from sma_sim.solver.model import Model
 from sma_sim.solver.simulate import SimulationError, Trajectory, copy_of_run, new_run, new_work, sampled_channels, simulate
+from sma_sim.solver.work import Work
 
 Vector = NDArray[np.float64]
 ZERO_STDS = 4.0  # of its prior, within which a zero of a recording lies: beyond, something else is missing
@@ -441,3 +441,76 @@ def error_over_noise(residuals: NDArray[np.float64], run: FitData) -> dict[str, 
         for name, row, count in zip(run.channels, residuals, counts, strict=True)
         if count
     }
+
+
+# Where runs begin within the hysteresis.
+def with_start(config: Config, source: Input, start: Sequence[float]) -> Config:
+    """The configuration with the x_M of a start given as parts of the hysteresis."""
+    run = start_of(Model(config), source, start)
+    if run is None:
+        return config
+    initial = {f'initial.x_M_{i + 1}': float(x) for i, x in enumerate(run.state.x_frozen)}
+    return config.variant(initial)
+
+
+def start_of(model: Model, source: Input, start: Sequence[float], work: Work | None = None) -> Run | None:
+    """Where a run with a start given as parts of the hysteresis begins; None as the configuration says.
+
+    `work`: scratch memory of a model with the same states.
+    """
+    if not len(start):
+        return None
+    return new_run(model, np.asarray(source.values[0], float), work or new_work(model), parts=start)
+
+
+# What is imposed and was measured, as an input: fewer straight stretches, where rows between say no more than noise.
+#
+# The solver must stop at every kink of its input. A gauge's noise makes one at each row, and steps by the thousand that no
+# measured stress can tell from a straight line.
+MAX_STIFFNESS = 6e10  # [Pa] as stiff as a wire is along a strain: what a change of strain does to the stress, at the most
+JITTER_WIDTH = 4.0  # of the jitter, in its standard deviations
+WIDEST = {'stress': 1e5, 'T': 0.1}  # [Pa], [K]: what neither moves a strain by 1e-5 nor a transformation by much
+ROUNDING = 1e-12  # of the largest value: lines of exact numbers have no corners
+STRESS_WIDTH = 2.0  # of the stress, in standard deviations of its noise
+
+
+def simplified_input(recording: Recording, noise_std: Mapping[str, float]) -> Input:
+    """The recording's input without rows at which what is imposed is within its jitter of a straight line.
+
+    Of a strain also within the stress's noise. Rows at which heating or the ambient temperature changes stay. `noise_std`
+    [SI] by channel; an input of which nothing is imposed stays as it is.
+    """
+    source = recording.source
+    drives = known_structures()[recording.system].drives
+    times, values = np.asarray(source.times, float), np.asarray(source.values, float)
+    others = values[:, len(drives) :]
+    keep = np.zeros(len(times), dtype=bool)
+    for k, drive in enumerate(drives):
+        jitter = estimate_noise(times, values[:, k])
+        if jitter is None:
+            return source
+        widest = WIDEST.get(drive.name, STRESS_WIDTH * noise_std.get('stress', np.inf) / MAX_STIFFNESS)
+        rounding = ROUNDING * float(np.abs(values[:, k]).max())
+        keep |= corners(times, values[:, k], max(rounding, min(JITTER_WIDTH * jitter.std, widest)))
+    if not drives:
+        return source
+    keep[1:] |= (np.diff(others, axis=0) != 0.0).any(axis=1)
+    return Input(times[keep], values[keep], source.linear, source.names)
+
+
+def corners(times: Vector, values: Vector, width: float) -> NDArray[np.bool_]:
+    """Which of the points (k,) a polyline needs that passes all others within `width` (Douglas and Peucker 1973)."""
+    keep = np.zeros(len(times), dtype=bool)
+    keep[[0, -1]] = True
+    stretches = [(0, len(times) - 1)]
+    while stretches:
+        first, last = stretches.pop()
+        slope = (values[last] - values[first]) / (times[last] - times[first])
+        inside = slice(first + 1, last)
+        apart = np.abs(values[inside] - values[first] - slope * (times[inside] - times[first]))
+        if not len(apart) or apart.max() <= width:
+            continue
+        corner = first + 1 + int(apart.argmax())
+        keep[corner] = True
+        stretches += [(first, corner), (corner, last)]
+    return keep

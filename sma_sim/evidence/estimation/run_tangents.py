@@ -10,8 +10,15 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.estimation.executors import PickledConfig
-from sma_sim.evidence.estimation.residuals import FitData, Nuisance, compared, most_steps, planned_run, weighted_residuals
-from sma_sim.evidence.estimation.starts import start_of
+from sma_sim.evidence.estimation.residuals import (
+    FitData,
+    Nuisance,
+    compared,
+    most_steps,
+    planned_run,
+    start_of,
+    weighted_residuals,
+)
 from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.model.structures.structure import Structure

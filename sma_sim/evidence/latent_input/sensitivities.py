@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.evidence.estimation.injection_points import STIFFNESS, Port
-from sma_sim.evidence.estimation.residuals import FitData, Nuisance, weighted_residuals, with_switches
-from sma_sim.evidence.estimation.starts import with_start
+from sma_sim.evidence.estimation.residuals import FitData, Nuisance, weighted_residuals, with_start, with_switches
 from sma_sim.evidence.latent_input.time_functions.time_function import KNOT_COUNT
 from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, find_effects

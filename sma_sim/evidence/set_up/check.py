@@ -8,22 +8,27 @@ recordings as they are; the score is that of the search. Only odds beyond Occam'
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, reduce
-from math import inf
+from itertools import combinations, permutations
+from math import inf, log, sqrt
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
-from sma_sim.evidence.data.recording import Dataset
+from sma_sim.evidence.data.noise import DIFFERENCE_ORDER, difference_scale
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset
+from sma_sim.evidence.data.recordings import NEGLIGIBLE_FRACTION, value_range
 from sma_sim.evidence.estimation.calibrate import SEARCH_SAMPLES, FitOptions, full_problem, problem_for
 from sma_sim.evidence.estimation.executors import run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.levenberg_marquardt import accumulated, bounded_step, normal_equations, start_point
 from sma_sim.evidence.estimation.problem import LinearizedRun, Problem, linearize, residuals_at
 from sma_sim.evidence.estimation.recording_differences import with_differences
-from sma_sim.evidence.estimation.residuals import FitData
+from sma_sim.evidence.estimation.residuals import FitData, simulated
 from sma_sim.evidence.estimation.run_subset import chosen_runs
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import NOMINAL_MODEL, WEAKLY_DAMPED
@@ -33,11 +38,9 @@ from sma_sim.evidence.search import propose
 from sma_sim.evidence.search.components import catalogue_for
 from sma_sim.evidence.search.refine import SKETCHED, WINDOW, Model, extended, model_of
 from sma_sim.evidence.search.score import SPARSITY, overdispersion_of
-from sma_sim.evidence.set_up.faults import Fault, corrected, faults_of, log_share
-from sma_sim.evidence.set_up.mistaken_runs import are_unexplained, copied_commands, exchanged_commands
-from sma_sim.evidence.set_up.samples import outliers, wrong_noise
-from sma_sim.evidence.set_up.symmetry import as_columns, in_mirror, symmetries, told_apart
+from sma_sim.evidence.set_up.faults import Fault, corrected, faults_of, log_share, unit_of
 from sma_sim.model.config import Config
+from sma_sim.solver.inputs import Input, inputs_at
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
@@ -342,3 +345,349 @@ def same_recordings(fault: Fault, other: Fault, problem: Problem) -> bool:
         return False
     own, there = as_columns([fault]), as_columns([other])
     return any(in_mirror(symmetry, own) == there for symmetry in symmetries(problem))
+
+
+# Recordings that are mistaken for each other: two have the command of each other, or one has that of another.
+#
+# What the model shows under a command hardly depends on which recording has it: one run of the model for each says which
+# command each recording had.
+HALF = 0.5  # of what a recording shows: a model that explains less has another command in view
+
+
+def exchanged_commands(problem: Problem, residuals: Sequence[Rows | None]) -> Iterator[Fault]:
+    """The recordings that lie nearer to what the model shows under the commands of others, each of its own one."""
+    known = [(run, rows) for run, rows in zip(problem.runs, residuals, strict=True) if rows is not None]
+    gains = np.array([[gain(run, rows, *other) for other in known] for run, rows in known])
+    if len(known) < 2:
+        return
+    holder = dict(zip(*(at.tolist() for at in linear_sum_assignment(-gains)), strict=True))
+    whose = {other: k for k, other in holder.items()}
+    for at in range(len(known)):
+        cycle = list[int]()
+        while at in whose:
+            cycle.append(at)
+            at = whose.pop(at)
+        if len(cycle) > 1 and all(gains[k, holder[k]] > 0.0 for k in cycle):
+            names = tuple(known[k][0].name for k in cycle)
+            yield Fault('exchanged_commands', problem.config.structure.structure.commands, recordings=names)
+
+
+def gain(run: FitData, rows: Rows, other: FitData, of_other: Rows) -> float:
+    """By how much the squares of a run fall if the model shows what it does in another one; 0 beside one of other inputs."""
+    if run is other or run.source.columns != other.source.columns:
+        return 0.0
+    found = 0.0
+    for k, name in enumerate(run.channels):
+        if name not in other.channels:
+            continue
+        at = other.channels.index(name)
+        known = other.weight[at] > 0.0
+        shown = other.measured[at][known] + of_other[at][known] / other.weight[at][known]
+        there = run.weight[k] * (np.interp(run.time, other.time[known], shown) - run.measured[k])
+        found += float(np.vdot(rows[k], rows[k]) - np.vdot(there, there))
+    return found
+
+
+def copied_commands(problem: Problem, context: SearchContext) -> list[Fault]:
+    """The recordings whose command another one has too, which the model explains by it, whereas it does not explain them."""
+    pairs = [(a, b) for a, b in permutations(problem.runs, 2) if has_same_command(a.source, b.source)]
+    if not pairs:
+        return []
+    unexplained = are_unexplained(problem, context)
+    whose = {a.name: b.name for a, b in pairs if unexplained[a.name] and not unexplained[b.name]}
+    commands = problem.config.structure.structure.commands
+    return [Fault('copied_command', commands, recordings=pair, corrected=False) for pair in whose.items()]
+
+
+def has_same_command(source: Input, other: Input) -> bool:
+    """Whether two inputs have the same command, and any power."""
+    if source.columns != other.columns:
+        return False
+    times = np.union1d(source.times, other.times)
+    times = times[(times >= max(source.times[0], other.times[0])) & (times <= min(source.times[-1], other.times[-1]))]
+    own, there = inputs_at(source, times), inputs_at(other, times)
+    return all(np.array_equal(own[name], there[name]) for name in source.columns[:-1]) and any(
+        own[name].any() for name in source.columns[:-1]
+    )
+
+
+def are_unexplained(problem: Problem, context: SearchContext) -> dict[str, bool]:
+    """By run, whether the model explains less than half of what moves in it, also if a wire got no power."""
+    z, left = start_point(problem), dict.fromkeys((run.name for run in problem.runs), np.inf)
+    for side in (0, 1, -1):
+        runs = tuple(replace(run, unpowered_side=side) if side else run for run in problem.runs)
+        for run, rows in zip(runs, residuals_at(replace(problem, runs=runs), z, context.pool), strict=True):
+            if rows is not None:
+                left[run.name] = min(left[run.name], moving(run, rows))
+    return {run.name: left[run.name] > HALF * moving(run, run.measured * run.weight) for run in problem.runs}
+
+
+def moving(run: FitData, rows: Rows) -> float:
+    """The squares of weighted rows (channels, k) about the mean of each."""
+    known = [row[weight > 0.0] for row, weight in zip(rows, run.weight, strict=True)]
+    return sum(float(np.sum((row - row.mean()) ** 2)) for row in known if len(row))
+
+
+# Single samples that are far off, and a noise that is stated wrong: what the scatter of residuals about themselves says.
+#
+# A model that lacks something, or whose parameters are not fitted yet, leaves residuals that are smooth from sample to
+# sample: differences of a high order leave their noise alone, and a median of neighbours their course.
+Mask = NDArray[np.bool_]
+ORDERS = (3, 4, 5)  # of differences: white noise has the same size by all of them, what moves has not
+SCATTER = 2.0  # times 1/samples: the variance of the log of a scale by differences of these orders
+MOST_STDS = 3.0  # by which two estimates of one number differ
+NEIGHBOURS = 8  # of a sample, half of them on either side, that tell where it should be
+STANDS_OUT = 2.0  # times its size: what a single sample adds to differences of third order (1, 3, 3, 1), noise against it
+MAD = 1.4826  # standard deviation of normal noise over its median absolute deviation
+LONGEST = 3  # samples next to each other: what lasts longer moves
+MOST = 0.1  # of the samples of a run: more are no outliers
+
+
+def outliers(problem: Problem, residuals: Sequence[Rows]) -> list[Fault]:
+    """By channel, the samples that are far from where their neighbours in the residuals say: by so much that chance among
+    all samples, and any motion that neighbours share, is out of the question by the odds of Occam's window."""
+    found = []
+    for channel in dict.fromkeys(name for run in problem.runs for name in run.channels):
+        rows, samples = dict[str, tuple[int, ...]](), 0
+        for run, left in zip(problem.runs, residuals, strict=True):
+            if channel in run.channels:
+                k = run.channels.index(channel)
+                known = np.flatnonzero(run.weight[k])
+                samples += len(known)
+                own = isolated(run.time[known], left[k][known])
+                own &= stands_out(run, known, run.measured[k] * run.weight[k], own)
+                wrong = known[own]
+                rows |= {run.name: tuple(wrong.tolist())} if len(wrong) else {}
+        if rows:
+            share = sum(map(len, rows.values())) / samples
+            found.append(Fault('outliers', (channel,), recordings=tuple(rows), rows=rows, share=share))
+    return found
+
+
+def isolated(time: Vector, values: Vector) -> Mask:
+    """Which of the values (k,), in units of the stated noise, are outliers."""
+    none, half = np.zeros(len(values), dtype=bool), NEIGHBOURS // 2
+    scale = difference_scale(time, values)
+    if scale is None or len(values) <= NEIGHBOURS:
+        return none
+    limit = chance_limit(len(values))
+    if np.abs(np.diff(values, n=DIFFERENCE_ORDER)).max() < STANDS_OUT * limit * max(1.0, scale):
+        return none  # no sample stands out of its neighbours
+    windows = sliding_window_view(np.pad(values, half, mode='reflect'), NEIGHBOURS + 1)
+    around = np.delete(windows, half, axis=1)
+    middle = np.median(around, axis=1)
+    spread = np.maximum(MAD * np.median(np.abs(around - middle[:, None]), axis=1), max(1.0, scale))
+    found = np.abs(values - middle) > limit * spread
+    starts = np.flatnonzero(np.diff(found.astype(int), prepend=0) == 1)
+    ends = np.flatnonzero(np.diff(found.astype(int), append=0) == -1)
+    for first, last in zip(starts, ends, strict=True):
+        found[first : last + 1] &= last - first < LONGEST
+    return found if found.mean() <= MOST else none
+
+
+def stands_out(run: FitData, known: NDArray[np.int64], values: Vector, wrong: Mask) -> Mask:
+    """Which of the `known` samples (k,) that are far off are no answer to a change of the command.
+
+    Just after one, at the start too, a model may be far off for a sample: it bends at the change, and a sample whose
+    neighbours reach back to there is not where they say. It counts only where what was measured (`values`, in units of the
+    noise) stands out by itself: from those before and after it, on the same side.
+    """
+    time, right = run.time[known], np.flatnonzero(~wrong)
+    found = np.ones(len(known), dtype=bool)
+    since = np.searchsorted(run.source.times, time, side='right')
+    before = np.searchsorted(run.source.times, time[np.maximum(np.arange(len(time)) - NEIGHBOURS // 2, 0)], side='left')
+    for k in np.flatnonzero(wrong & (since > before)):
+        at = np.searchsorted(right, k)
+        if at == 0 or at == len(right):
+            found[k] = False
+            continue
+        low, high = sorted(values[known[right[at - 1 : at + 1]]].tolist())
+        found[k] = max(values[known[k]] - high, low - values[known[k]]) > chance_limit(len(known))
+    return found
+
+
+def chance_limit(samples: int) -> float:
+    """How far, in standard deviations, one of so many normal samples cannot be, by the odds of Occam's window."""
+    return sqrt(2.0 * (log(samples) + SPARSITY + WINDOW))
+
+
+def scales(problem: Problem, rows: Sequence[Rows], order: int) -> dict[str, tuple[float, int]]:
+    """By channel, the size of white noise in rows (channels, k) of every run, in units of the stated noise, and the samples
+    behind it."""
+    squares: dict[str, float] = {}
+    counts: dict[str, int] = {}
+    for run, row in zip(problem.runs, rows, strict=True):
+        for k, name in enumerate(run.channels):
+            known = run.weight[k] > 0.0
+            scale = difference_scale(run.time[known], row[k][known], order)
+            if scale is not None:
+                count = int(known.sum())
+                squares[name] = squares.get(name, 0.0) + count * scale**2
+                counts[name] = counts.get(name, 0) + count
+    return {name: (sqrt(squares[name] / counts[name]), counts[name]) for name in squares}
+
+
+def wrong_noise(problem: Problem, residuals: Sequence[Rows], dataset: Dataset, is_fitted: bool) -> list[Fault]:
+    """The channels whose noise is stated too small, or too large, where differences of all orders agree on it.
+
+    Too small: the samples themselves scatter as much, not only what a model leaves of them. Too large: a fit (`is_fitted`)
+    leaves as little; a noise that is slow may hide from differences. Not where repeated experiments say what noise is, nor
+    where none is visible.
+    """
+    if dataset.floor or problem.config.structure.structure.is_quasi_static:
+        return []
+    by_order = [scales(problem, residuals, order) for order in ORDERS]
+    raw = scales(problem, [run.measured * run.weight for run in problem.runs], ORDERS[0])
+    sizes = dict[str, tuple[float, int]]()
+    for name, (_, count) in by_order[0].items():
+        found = [scale[name][0] for scale in by_order if name in scale]
+        least = float(np.exp(sqrt(2.0 * SCATTER * (WINDOW + SPARSITY) / count)))
+        limit = max(CRITERIA.noise_only, least)
+        if len(found) < len(ORDERS) or min(found) <= 0.0 or max(found) > limit * min(found):
+            continue
+        size = found[0]
+        if size > limit and raw[name][0] < limit * size:
+            sizes[name] = size, count
+        elif size < 1.0 / limit and is_fitted and all_of(problem, residuals, name) < limit * size:
+            spans = [value_range(one.channels[name]) for one in dataset.recordings if name in one.channels]
+            visible = NEGLIGIBLE_FRACTION * max(spans)
+            if size * dataset.noise_std[name] > visible:
+                sizes[name] = size, count
+    return grouped(sizes)
+
+
+def all_of(problem: Problem, residuals: Sequence[Rows], channel: str) -> float:
+    """Root mean square of a channel."""
+    squares = count = 0.0
+    for run, rows in zip(problem.runs, residuals, strict=True):
+        if channel in run.channels:
+            k = run.channels.index(channel)
+            squares, count = squares + float(np.vdot(rows[k], rows[k])), count + np.count_nonzero(run.weight[k])
+    return sqrt(squares / max(1.0, count))
+
+
+def grouped(sizes: Mapping[str, tuple[float, int]]) -> list[Fault]:
+    """One fault for channels that are off by the same, as far as their samples tell."""
+    found = list[tuple[list[str], float, int]]()
+    for name, (size, count) in sizes.items():
+        for k, (names, other, behind) in enumerate(found):
+            if abs(log(size / other)) < MOST_STDS * sqrt(SCATTER * (1.0 / count + 1.0 / behind)):
+                mean = (count * size + behind * other) / (count + behind)
+                found[k] = ([*names, name], mean, count + behind)
+                break
+        else:
+            found.append(([name], size, count))
+    return [Fault('noise', tuple(names), size) for names, size, _ in found]
+
+
+# Faults that nobody can tell apart: those that turn the recordings of a robot into those of the same robot in a mirror.
+#
+# A planar module with the other sign of J_eq bends the other way: its U_y and alpha have the other sign, its wires exchange
+# their parts. If J_eq has the opposite sign in a file, the recordings are therefore those of a robot with U_y and alpha of
+# the opposite sign and wires that are exchanged. Which exchanges a structure allows is asked of its model.
+Channels = Mapping[str, NDArray[np.float64]]
+Columns = Mapping[str, tuple[float, str]]
+"""By channel and command: the sign with which which column holds it."""
+SAME = 1e-3  # of what a channel spans, within which two runs are the same: far above the solver's error
+
+
+def as_columns(faults: Sequence[Fault]) -> Columns:
+    """Where the right values are, of signs and exchanged columns."""
+    found: dict[str, tuple[float, str]] = {}
+    for fault in faults:
+        if fault.kind == 'sign':
+            for name in fault.quantities:
+                sign, source = found.get(name, (1.0, name))
+                found[name] = (-sign, source)
+        else:
+            first, second = fault.quantities
+            found[first], found[second] = found.get(second, (1.0, second)), found.get(first, (1.0, first))
+    return {name: column for name, column in found.items() if column != (1.0, name)}
+
+
+def as_faults(columns: Columns, recordings: tuple[str, ...]) -> tuple[Fault, ...]:
+    """The faults that put the right values there: exchanges first, then signs."""
+    where = {name: name for name in columns}
+    found = []
+    for name, (_, source) in columns.items():
+        if where[name] != source:
+            other = next(key for key, at in where.items() if at == source)
+            where[name], where[other] = source, where[name]
+            found.append(Fault('swap', tuple(sorted((name, other))), recordings=recordings))
+    signs = (Fault('sign', (name,), recordings=recordings) for name, (sign, _) in columns.items() if sign < 0.0)
+    return (*found, *signs)
+
+
+def in_mirror(symmetry: Columns, columns: Columns) -> Columns:
+    """Where the right values of the mirrored robot are."""
+    found = {}
+    for name in dict.fromkeys((*symmetry, *columns)):
+        sign, source = symmetry.get(name, (1.0, name))
+        other, column = columns.get(source, (1.0, source))
+        found[name] = (sign * other, column)
+    return {name: column for name, column in found.items() if column != (1.0, name)}
+
+
+def symmetries(problem: Problem) -> list[Columns]:
+    """The exchanges of commands that only exchange the channels of the nominal model, or their signs."""
+    structure, z = problem.config.structure.structure, start_point(problem)
+    run = max(problem.runs, key=lambda one: float(np.abs(one.source.values[:, 0]).max()))
+    own = z[problem.indices()[problem.runs.index(run)]]
+    config, nuisance = problem.fitted(z), problem.nuisance(run, own)
+
+    def shown(source: FitData) -> Channels:
+        _, trajectory, index = simulated(config, source, nuisance, source.channels)
+        return {name: trajectory[CHANNEL_COLUMNS[name]][index] for name in source.channels}
+
+    faults = [Fault('swap', pair) for pair in combinations(structure.commands, 2)]
+    if structure.antagonistic:
+        each = [(name,) for name in structure.commands]
+        faults += [Fault('sign', names) for names in dict.fromkeys((structure.commands, *each))]
+    found = list[Columns]()
+    try:
+        straight = shown(run)
+        for fault in faults:
+            mirrored = shown(fault.in_run(run))
+            channels = dict(exchanged(straight, mirrored))
+            if len(channels) == len(straight):
+                found.append({**as_columns([fault]), **{a: b for a, b in channels.items() if b != (1.0, a)}})
+    except SimulationError:
+        return []
+    return found
+
+
+def exchanged(straight: Channels, mirrored: Channels) -> Iterator[tuple[str, tuple[float, str]]]:
+    """By channel of one run, which channel of the other one is the same, and with which sign."""
+    for name, values in straight.items():
+        within = SAME * float(np.abs(values).max())
+        alike = (
+            (sign, other)
+            for other, there in mirrored.items()
+            if unit_of(other) == unit_of(name)
+            for sign in (1.0, -1.0)
+            if np.abs(values - sign * there).max() <= within
+        )
+        if (first := next(alike, None)) is not None:
+            yield name, first
+
+
+def told_apart(found: Sequence[Fault], known: Sequence[Columns]) -> tuple[Fault, ...]:
+    """The faults with what leaves the same recordings, unless that takes far more; of these the fewest are taken."""
+    exchanges = [fault for fault in found if fault.kind in ('sign', 'swap') and fault.corrected]
+    others = [fault for fault in found if fault not in exchanges]
+    chosen: list[Fault] = []
+    for recordings in dict.fromkeys(fault.recordings for fault in exchanges):
+        own = as_columns([fault for fault in exchanges if fault.recordings == recordings])
+        touched = [own, *(in_mirror(one, own) for one in known if one.keys() & own.keys())]
+        options = [as_faults(columns, recordings) for columns in touched]
+        options = sorted((option for option in dict.fromkeys(options) if option), key=len)
+        if options:
+            first, *rest = options[0]
+            near = tuple(other for other in options[1:] if causes(other) <= causes(options[0]) + 1)
+            chosen += [replace(first, alternatives=near), *rest]
+    return (*chosen, *others)
+
+
+def causes(faults: Sequence[Fault]) -> int:
+    """How many things went wrong: an axis that counts the other way turns several signs."""
+    return sum(fault.kind == 'swap' for fault in faults) + any(fault.kind == 'sign' for fault in faults)
