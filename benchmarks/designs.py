@@ -94,7 +94,7 @@ def refitted(hypothesis: ModelHypothesis, more: Dataset, context: SearchContext)
     """The best fit to one more recording, from the fit without it and from the middle of the priors."""
     fitted = hypothesis.fitted
     problem = replace(problem_for(more, fitted.problem.config, FitOptions(), 1), free=fitted.problem.free)
-    wires = problem.wires(problem.runs[0])
+    wires = problem.runs[0].starts
     known = np.append(fitted.z, np.zeros(wires))  # the new run's starts in the middle of their priors
     of_effects = [p.name.startswith('effects.') for p in problem.free]
     middle = np.where([*of_effects, *[False] * (len(known) - len(of_effects))], known, 0.0)

@@ -207,19 +207,28 @@ class Config(Comparable):
         kinetics: str | None = None,
         effects: tuple[ActiveEffect, ...] | None = None,
     ) -> Config:
-        """The same with some parameters, the kinetics or the effects changed, unchecked: for fits, which make thousands.
+        """The same with some parameters (those of effects too), the kinetics or the effects changed, unchecked: for fits,
+        which make thousands.
 
         They keep within the bounds of what was checked.
         """
         made = object.__new__(Config)
         made.__dict__.update(self.__dict__)
-        if parameters:
-            made.__dict__['parameters'] = MappingProxyType({**self.parameters, **parameters})
         if kinetics is not None:
             made.__dict__['kinetics'] = kinetics
         if effects is not None:
             made.__dict__['effects'] = effects
+        if parameters:
+            own = {name: value for name, value in parameters.items() if name in self.parameters}
+            made.__dict__['parameters'] = MappingProxyType({**self.parameters, **own})
+            if len(own) < len(parameters):
+                made.__dict__['effects'] = tuple(one.with_values(parameters) for one in made.effects)
         return made
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The values of all parameters by full name, those of effects too."""
+        return dict(self.parameters) | {name: value for active in self.effects for name, value in active.by_name.items()}
 
     @property
     def simulated_kinetics(self) -> str:
@@ -407,9 +416,9 @@ def chosen_effects(
         raise unknown_effect(name, found, asked)
     on = effects_on({name: one for name, one in found.items() if name in plain}, wanted, structure, numbers)
     declared = effect_parameters(on) | effect_parameters({name: one.found for name, one in ready.items()})
-    known = {name: RawValue(checked_number(name, one, declared), one.where) for name, one in given.items()}
+    known = {name: checked_number(name, one, declared) for name, one in given.items()}
     every = {name: active_effect(name, on, known, asked) for name in wanted} | {
-        name: with_given(one, known) for name, one in ready.items()
+        name: one.with_values(known) for name, one in ready.items()
     }
     return tuple(every[name] for name in names)
 
@@ -457,29 +466,17 @@ def checked_active(one: ActiveEffect) -> ActiveEffect:
     return one
 
 
-def with_given(one: ActiveEffect, known: Mapping[str, RawValue]) -> ActiveEffect:
-    """An effect with the values that are known by full name."""
-    name, parameters = one.found.effect.name, one.found.effect.parameters
-    full = [f'effects.{name}.{parameter.name}' for parameter in parameters]
-    return replace(
-        one, values=tuple(float(known[n].value) if n in known else v for n, v in zip(full, one.values, strict=True))
-    )
-
-
 def flat_parameters(config: Config) -> dict[str, Any]:
     """All that a configuration says, by full name: `read_config` makes the same one of it."""
     values: dict[str, Any] = {
         'system': config.system,
         'model': config.simulated_kinetics,
-        **config.parameters,
+        **config.values,
         **config.settings,
     }
     values['effects.active'] = [active.found.effect.name for active in config.effects]
     values['effects.paths'] = absolute_folders(file for active in config.effects for file in active.found.files)
     values['structures.paths'] = folders_of(config.structure)
-    for active in config.effects:
-        effect = active.found.effect
-        values |= {f'effects.{effect.name}.{p.name}': v for p, v in zip(effect.parameters, active.values, strict=True)}
     values |= {f'{PRIORS}{name}': std for name, std in config.priors.items()}
     known = config.covariance
     return values if known is None else values | {NAMES: list(known.names), MATRIX: known.matrix.ravel().tolist()}
@@ -558,7 +555,7 @@ def checked(given: Mapping[str, RawValue], objects: Mapping[str, FoundEffect] = 
     given = {name: one for name, one in given.items() if not name.startswith(PRIORS) and name not in together}
     structure = own.structure
     defaults, ranges, texts = structure.default_values, structure.all_parameters, settings_of(structure)
-    known = {name: RawValue(value, 'default') for name, value in defaults.items()}
+    known = dict(defaults)
     folders = given.get('effects.paths', RawValue([], ''))
     found = find_effects([] if folders.recorded else named_folders('effects.paths', folders)) | dict(objects)
     if folders.recorded:
@@ -574,10 +571,10 @@ def checked(given: Mapping[str, RawValue], objects: Mapping[str, FoundEffect] = 
         elif name not in (*LISTS, 'system', *structure.options) and (
             name in declared or not is_noise_of_variant(name, structure)
         ):
-            known[name] = RawValue(checked_number(name, entry, declared), entry.where)
+            known[name] = checked_number(name, entry, declared)
     asked = given.get('effects.active', RawValue([], ''))
     effects = tuple(active_effect(name, found, known, asked) for name in names_in('effects.active', asked))
-    values = {name: float(known[name].value) for name in defaults}
+    values = {name: known[name] for name in defaults}
     priors = checked_priors(stds, structure, effects)
     made = Config(values, structure.family, kinetics, effects, settings, own if own.files else None, priors)
     return made.with_covariance(covariance_given(together, structure, effects))
@@ -692,13 +689,11 @@ def effect_parameters(found: Mapping[str, FoundEffect]) -> dict[str, Parameter]:
     return {f'effects.{name}.{p.name}': p for name, each in found.items() for p in each.effect.parameters}
 
 
-def active_effect(
-    name: str, found: Mapping[str, FoundEffect], known: Mapping[str, RawValue], asked: RawValue
-) -> ActiveEffect:
+def active_effect(name: str, found: Mapping[str, FoundEffect], known: Mapping[str, float], asked: RawValue) -> ActiveEffect:
     """An effect with its parameters, their defaults where nothing was given. Raises ConfigError."""
     if name not in found:
         raise unknown_effect(name, found, asked)
-    return with_given(ActiveEffect(found[name], tuple(p.default for p in found[name].effect.parameters)), known)
+    return ActiveEffect(found[name], tuple(p.default for p in found[name].effect.parameters)).with_values(known)
 
 
 def checked_number(name: str, one: RawValue, declared: Mapping[str, Parameter]) -> float:

@@ -12,7 +12,6 @@ from typing import Any
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.estimation.calibrate import Calibration
-from sma_sim.evidence.estimation.free_parameters import values_of
 from sma_sim.evidence.estimation.held_out_prediction import RunFit, evaluate_held_out
 from sma_sim.evidence.estimation.homogeneity import HomogeneityTest, homogeneity_test
 from sma_sim.evidence.residual_analysis.compare import compared_calibration
@@ -50,7 +49,7 @@ class FitReview:
     def write_page(self, path: Path, provenance: Provenance | None = None) -> None:
         """Write the HTML report. Raises UserError."""
         data = (self.fitted, self.held_out)
-        write_fit_page(path, self.found, values_of(self.start), self.summary, data, self.runs, provenance)
+        write_fit_page(path, self.found, self.start.values, self.summary, data, self.runs, provenance)
 
 
 def reviewed_fit(

@@ -17,7 +17,7 @@ import yaml
 
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.estimation.calibrate import Calibration
-from sma_sim.evidence.estimation.free_parameters import declared_parameters, values_of
+from sma_sim.evidence.estimation.free_parameters import declared_parameters
 from sma_sim.model.errors import UserError
 
 FITTED, UNDETERMINED, KEPT = 'fitted', 'not determined by these data', 'kept'
@@ -40,7 +40,7 @@ class SheetRow:
 
 def sheet_rows(found: Calibration) -> tuple[SheetRow, ...]:
     """The parameters of a fitted model in the order of its parameter file, those of its effects last."""
-    declared, values = declared_parameters(found.config), values_of(found.config)
+    declared, values = declared_parameters(found.config), found.config.values
     intervals = {interval.name: interval for interval in found.uncertainty.intervals} if found.uncertainty else {}
     free = {parameter.name for parameter in found.free}
     rows = []

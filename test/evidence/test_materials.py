@@ -5,7 +5,7 @@ import pytest
 from simulated_data import config as module
 
 from sma_sim import FitOptions, Input, Recording, read_config
-from sma_sim.evidence.estimation.free_parameters import choose_free, with_values
+from sma_sim.evidence.estimation.free_parameters import choose_free
 from sma_sim.evidence.estimation.materials import MATERIALS, material_of, usual_ranges
 from sma_sim.evidence.estimation.plausibility import implausible_parameters
 from sma_sim.evidence.estimation.residuals import SOFTEST, ZERO_LIMIT, fit_data
@@ -20,7 +20,7 @@ def found_at(base, values, material=''):
     """What is implausible of values (SI) that are all well known."""
     free, _ = choose_free(base, NAMES)
     z = np.array([parameter.coordinate(values.get(parameter.name, parameter.center)) for parameter in free])
-    fitted = with_values(base, {p.name: p.value(float(x)) for p, x in zip(free, z, strict=True)})
+    fitted = base.variant({p.name: p.value(float(x)) for p, x in zip(free, z, strict=True)})
     return implausible_parameters(fitted, free, z, 1e-6 * np.eye(len(z)), material)
 
 

@@ -8,7 +8,7 @@ from simulated_data import config, dataset, scaled
 
 from sma_sim import FitOptions, calibrate, find_effects
 from sma_sim.evidence.diagnosis.diagnose import diagnose
-from sma_sim.evidence.estimation.free_parameters import choose_free, with_values
+from sma_sim.evidence.estimation.free_parameters import choose_free
 from sma_sim.evidence.estimation.plausibility import implausible_parameters
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
@@ -24,7 +24,7 @@ def found_at(base, values, std, names=FREE):
     """What is implausible of fitted values (SI) that are all known to `std` in the coordinate of the fit."""
     free, _ = choose_free(base, names)
     z = np.array([parameter.coordinate(values.get(parameter.name, parameter.center)) for parameter in free])
-    fitted = with_values(base, {p.name: p.value(float(x)) for p, x in zip(free, z, strict=True)})
+    fitted = base.variant({p.name: p.value(float(x)) for p, x in zip(free, z, strict=True)})
     return implausible_parameters(fitted, free, z, std**2 * np.eye(len(z)))
 
 

@@ -6,7 +6,7 @@ from systems import active, evaluate, make_model, random_state
 from test_energy import energy_rate, power
 
 from sma_sim import Input, Model, module_input, read_config, simulate
-from sma_sim.evidence.estimation.free_parameters import declared_parameters, free_parameter, values_of, with_values
+from sma_sim.evidence.estimation.free_parameters import declared_parameters, free_parameter
 from sma_sim.model.layout import O_DX, O_SIGMA, O_STRAIN
 from sma_sim.model.material import latent_heat
 from sma_sim.solver.sensitivities import Neighbour, simulate_with_tangents
@@ -115,12 +115,12 @@ CASES = [
 def test_tangents_pass_through_what_happens_at_an_instant(effects, names, kind):
     """Derivatives of all samples against central differences, extrapolated; the steps of the run are far longer than w."""
     config = read_config(words=[f'model={kind}', 'solver.rtol=1e-8', 'wire.l0=0.099'], effects=effects)
-    declared, values = declared_parameters(config), values_of(config)
+    declared, values = declared_parameters(config), config.values
     free = [free_parameter(n, values[n], declared[n]) for n in ('wire.lambda', *(f'effects.{name}' for name in names))]
     channels = ('U_y', 'alpha', 'F_1', 'T_1')
 
     def at(z):
-        model = Model(with_values(config, {f.name: f.value(x) for f, x in zip(free, z, strict=True)}))
+        model = Model(config.variant({f.name: f.value(x) for f, x in zip(free, z, strict=True)}))
         return model, new_run(model, np.asarray(COMMAND.values[0], float), new_work(model))
 
     def samples(z):

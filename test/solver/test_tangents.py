@@ -18,13 +18,7 @@ from sma_sim import (
     wire_input,
 )
 from sma_sim.evidence.estimation import run_tangents
-from sma_sim.evidence.estimation.free_parameters import (
-    choose_free,
-    declared_parameters,
-    free_parameter,
-    values_of,
-    with_values,
-)
+from sma_sim.evidence.estimation.free_parameters import choose_free, declared_parameters, free_parameter
 from sma_sim.evidence.estimation.problem import Problem, linearize, linearize_by_differences
 from sma_sim.evidence.estimation.residuals import fit_data
 from sma_sim.evidence.estimation.run_tangents import sensitivities_of
@@ -62,12 +56,12 @@ class Family:
     """The runs of a configuration whose parameters are moved by z, in standard deviations of their priors."""
 
     def __init__(self, config, names, source):
-        declared, values = declared_parameters(config), values_of(config)
+        declared, values = declared_parameters(config), config.values
         self.config, self.source, self.free = config, source, [free_parameter(n, values[n], declared[n]) for n in names]
 
     def initial_run(self, z):
         values = {free.name: free.value(x) for free, x in zip(self.free, z, strict=True)}
-        model = Model(with_values(self.config, values))
+        model = Model(self.config.variant(values))
         return model, new_run(model, np.asarray(self.source.values[0], float), new_work(model))
 
     def samples(self, z):
@@ -145,7 +139,7 @@ def recorded(sampled):
 
 def problem_of(kinetics):
     config = configuration('module', kinetics)
-    declared, values = declared_parameters(config), values_of(config)
+    declared, values = declared_parameters(config), config.values
     free = tuple(free_parameter(name, values[name], declared[name]) for name in ('wire.E_A', 'wire.lambda'))
     run = fit_data(recorded(sampled=True), {'alpha': 1e-3, 'F_1': 0.1, 'T_2': 0.5})
     return Problem(config, (run,), free).at_tolerance(1e-7)
@@ -184,7 +178,7 @@ def on_benches(kinetics):
 @pytest.mark.parametrize('kinetics', ['hybrid', 'mas'])
 def test_every_run_is_linearised_on_its_bench(kinetics):
     config = configuration('wire', kinetics)
-    declared, values = declared_parameters(config), values_of(config)
+    declared, values = declared_parameters(config), config.values
     free = tuple(free_parameter(name, values[name], declared[name]) for name in ('wire.E_A', 'wire.sigma_T'))
     runs = tuple(fit_data(run, {'stress': 1e6, 'R': 1e-3}) for run in on_benches(kinetics))
     problem = Problem(config, runs, free).at_tolerance(1e-7)

@@ -76,9 +76,16 @@ CHANNEL_COLUMNS = ColumnsOfChannels()
 HIDDEN_COLUMN = re.compile(r'(x_M|mode)(_\d+)?')  # no sensor shows them: not compared
 
 
+def channels_of_family(system: str) -> list[str]:
+    """The channels of a system as they stand in its files; those of its other benches after them."""
+    known = known_structures()
+    family = (known[system], *(one for one in known.values() if one.is_like(known[system])))
+    return list(dict.fromkeys(name for structure in family for name in structure.channels))
+
+
 def in_order(channels: Collection[str], system: str) -> list[str]:
-    """Channels as they stand in files of a system; those of its other benches after them."""
-    return [name for name in dict.fromkeys((*CHANNELS_OF[system], *CHANNEL_COLUMNS)) if name in channels]
+    """Some channels in that order."""
+    return [name for name in channels_of_family(system) if name in channels]
 
 
 def is_resistance(channel: str) -> bool:
@@ -143,9 +150,9 @@ class Recording(Shown, Saved, Comparable):
         time = as_array(f'recording {self.name}, time', self.time)
         if time.ndim != 1 or not (np.diff(time) > 0.0).all():
             raise UserError(f'recording {self.name}: time (k,) [s] must increase, got an array of shape {time.shape}')
+        known = channels_of_family(self.system)
         for name, values in self.channels.items():
-            if name not in CHANNEL_COLUMNS:
-                known = list(CHANNELS_OF[self.system])
+            if name not in known:
                 raise UserError(
                     f'recording {self.name}: no channel {name!r}{suggestion(name, known)}; it may have {", ".join(known)}'
                 )

@@ -15,7 +15,7 @@ from sma_sim.evidence.data.column_map import ColumnMap, read_column_map
 from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.data.noise import noise_by_channel
 from sma_sim.evidence.data.quasi_static import error_by_temperature, temperature_error
-from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, CHANNELS_OF, Dataset, Recording, Vector
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, CHANNELS_OF, Dataset, Recording, Vector, in_order
 from sma_sim.evidence.data.repeatability import with_bench
 from sma_sim.evidence.data.rosbag.commands import NODE_LIMITS, CommandLimits
 from sma_sim.evidence.data.rosbag.raw_messages import is_bag
@@ -227,9 +227,7 @@ def dataset_noise(recordings: Sequence[Recording], given: Mapping[str, float], n
     """The noise of every channel that was measured: as given, or estimated, with a note."""
     estimated = noise_by_channel(recordings)
     noise: dict[str, float] = {}
-    for name in CHANNEL_COLUMNS:
-        if not any(name in recording.channels for recording in recordings):
-            continue
+    for name in in_order({name for recording in recordings for name in recording.channels}, recordings[0].system):
         if name in given:
             noise[name] = given[name]
             continue

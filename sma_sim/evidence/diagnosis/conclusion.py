@@ -399,7 +399,7 @@ def refits(
         yield multistart_search(start, replace(options, free=names), context, FROM_PRIORS)
     except SimulationError:
         yield None
-    if found is not None and all(run.ambient_std == 0.0 and problem.wires(run) for run in problem.runs):
+    if found is not None and all(run.ambient_std == 0.0 and run.starts for run in problem.runs):
         context.on_progress('fitting all runs, each with an ambient temperature of its own')
         yield refit(*with_difference(problem, found.z, AMBIENT), context, FROM_PRIORS)
 

@@ -10,7 +10,6 @@ from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.train_test_split import pooled
 from sma_sim.evidence.diagnosis.conclusion import ModelStage
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
-from sma_sim.evidence.estimation.free_parameters import values_of
 from sma_sim.evidence.estimation.held_out_prediction import nuisances_of
 from sma_sim.evidence.estimation.recording_differences import with_differences
 from sma_sim.evidence.residual_analysis.compare import ComparedRun, Comparison, compare, compared_calibration, compared_run
@@ -70,7 +69,7 @@ def reviewed(diagnosis: Diagnosis, dataset: Dataset, held_out: Dataset | None, g
         for step in diagnosis.selection_steps
         if step.accepted is not None and (change := diagnosis.change('added', step.accepted.name)) is not None
     }
-    given_values = {name: parameter.default for name, parameter in DEFAULTS.items()} | values_of(given)
+    given_values = {name: parameter.default for name, parameter in DEFAULTS.items()} | given.values
     for parameter in diagnosis.calibration.free:
         given_values.setdefault(parameter.name, parameter.center)
     comparison = compared_calibration(diagnosis.calibration, training, held_out, diagnosis.predicted, 'last step')

@@ -310,8 +310,8 @@ def calibrate(
         context = SearchContext(pool, Event(), silent, (), options.seed, heard)
         best, probabilities = fit_with_kinetics(start, options, context)
         found = final_calibration(dataset, best, options, context)
-    runs_as_asked = with_tolerance(found.config, start.config.parameters['solver.rtol'])
-    return replace(found, config=runs_as_asked, kinetics=probabilities, seconds=time.perf_counter() - t_start)
+    as_asked = found.config.variant({'solver.rtol': start.config.parameters['solver.rtol']})
+    return replace(found, config=as_asked, kinetics=probabilities, seconds=time.perf_counter() - t_start)
 
 
 def fit_with_kinetics(
@@ -456,9 +456,9 @@ def final_calibration(dataset: Dataset, fit: FitResult, options: FitOptions, con
     rtol = fit.problem.config.parameters['solver.rtol']
     return replace(
         found,
-        config=with_tolerance(with_starts(last.config, found.runs), rtol).with_covariance(
-            posterior_covariance(last.problem.free, known) if known else None
-        ),
+        config=with_starts(last.config, found.runs)
+        .variant({'solver.rtol': rtol})
+        .with_covariance(posterior_covariance(last.problem.free, known) if known else None),
         fixed=choose_free(last.problem.config, options.names, dataset.channels)[1],
         uncertainty=known,
         interrupted=context.stop.is_set(),
@@ -506,11 +506,6 @@ def calibration_of(fit: FitResult, context: SearchContext) -> Calibration:
         limits=reached,
         sampling_interval=min(float(np.median(np.diff(run.time))) if len(run.time) > 1 else inf for run in fit.problem.runs),
     )
-
-
-def with_tolerance(config: Config, rtol: float) -> Config:
-    """The configuration with another solver.rtol."""
-    return config.variant({'solver.rtol': rtol})
 
 
 def errors_by_channel(problem: Problem, fits: Sequence[RunFit]) -> dict[str, float]:
@@ -579,7 +574,7 @@ def points_of_single_wire(problem: Problem) -> list[StartingPoint]:
 
     A wire at a fixed strain has a valley for either, where the zeros and drifts of its force hide that its runs begin wrong.
     """
-    if any(problem.wires(run) != 1 for run in problem.runs):
+    if any(run.starts != 1 for run in problem.runs):
         return []
     begins = [unknown is START for unknown in problem.unknowns]
     ends = [StartingPoint(np.where(begins, START_END * end, 0.0)) for end in (START.low, START.high)]

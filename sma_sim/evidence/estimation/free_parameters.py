@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from sma_sim.evidence.data.recording import Dataset, is_resistance
-from sma_sim.model.config import Config
+from sma_sim.model.config import Config, fitted_parameters
 from sma_sim.model.errors import UserError
 from sma_sim.model.nearest import suggestion
-from sma_sim.model.parameters import DEFAULTS, Parameter
+from sma_sim.model.parameters import Parameter
 
 BOUND_STDS = 5.0  # bounds of a fit, in standard deviations of the prior
 MAX_PRIOR_STDS = 0.8  # by which a length or a temperature may differ from nominal, in standard deviations of its prior
@@ -133,37 +133,7 @@ def default_names(config: Config, measured: Collection[str] = ()) -> tuple[str, 
 
 def declared_parameters(config: Config) -> dict[str, Parameter]:
     """The declarations of all parameters that a fit could change, by full name."""
-    found = {name: parameter for name, parameter in DEFAULTS.items() if name.startswith(('wire.', 'beam.', 'plate.'))}
-    found |= config.structure.structure.declared
-    for active in config.effects:
-        effect = active.found.effect
-        found |= {f'effects.{effect.name}.{parameter.name}': parameter for parameter in effect.parameters}
-    return found
-
-
-def values_of(config: Config) -> dict[str, float]:
-    """The values of all those parameters."""
-    values = dict(config.parameters)
-    for active in config.effects:
-        effect = active.found.effect
-        values |= {f'effects.{effect.name}.{p.name}': v for p, v in zip(effect.parameters, active.values, strict=True)}
-    return values
-
-
-def with_values(config: Config, values: Mapping[str, float]) -> Config:
-    """The configuration with some parameters changed, those of effects included."""
-    effects = tuple(
-        replace(
-            active,
-            values=tuple(
-                values.get(f'effects.{active.found.effect.name}.{p.name}', old)
-                for p, old in zip(active.found.effect.parameters, active.values, strict=True)
-            ),
-        )
-        for active in config.effects
-    )
-    own = {name: value for name, value in values.items() if name in config.parameters}
-    return config.variant(own, effects=effects)
+    return fitted_parameters(config.structure.structure, config.effects)
 
 
 def free_parameter(name: str, value: float, declared: Parameter, std: float | None = None) -> FreeParameter:
@@ -212,7 +182,7 @@ def choose_free(
     `measured`: names of the channels that there are.
     Raises UserError for a name that no fit can change.
     """
-    declared, values = declared_parameters(config), values_of(config)
+    declared, values = declared_parameters(config), config.values
     if names is None:
         effects = [name for name in declared if name.startswith('effects.')]
         names = [*default_names(config, measured), *effects]

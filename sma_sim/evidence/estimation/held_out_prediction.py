@@ -105,7 +105,7 @@ def run_fits(problem: Problem, z: Vector, executor: Executor) -> tuple[RunFit, .
             if found is not None
             else config.parameters
         )
-        x = tuple(initial[f'initial.x_M_{i + 1}'] for i in range(problem.wires(run)))
+        x = tuple(initial[f'initial.x_M_{i + 1}'] for i in range(run.starts))
         zero = zero_of(config, run, nuisance) if nuisance.unknown_zero and found is not None else 0.0
         zeros, drifts = offsets_of(config, run, nuisance) if found is not None else ({}, {})
         fits.append(
@@ -144,7 +144,7 @@ def predict_runs(
         found: list[RunFit] = []
         for guess in INITIAL_GUESSES:
             z = start_point(problem)
-            z[: problem.wires(run)] = guess
+            z[: run.starts] = guess
             with suppress(SimulationError):  # a run that cannot be made is infinitely far off
                 z = minimize(problem, z, RUN_UNKNOWNS, context).z
             found.append(run_fits(problem, z, context.pool)[0])

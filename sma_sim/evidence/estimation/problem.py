@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.executors import PickledConfig, in_turn, workers_of
-from sma_sim.evidence.estimation.free_parameters import FreeParameter, with_values
+from sma_sim.evidence.estimation.free_parameters import FreeParameter
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
 from sma_sim.evidence.estimation.residuals import FitData, Nuisance, weighted_residuals
 from sma_sim.evidence.estimation.run_tangents import DELTA, TangentTask, linearized_by_tangents, tangents_apply
@@ -56,9 +56,8 @@ class Problem:
     material: str = ''
 
     def wires(self, run: FitData) -> int:
-        """Wires whose start is unknown in a run: none where stress and temperature say what a wire was before."""
-        structure = run.on_bench(self.config).structure.structure
-        return 0 if structure.is_quasi_static else structure.wires
+        """Wires whose start is unknown in a run."""
+        return run.starts
 
     @property
     def shared(self) -> tuple[FreeParameter, ...]:
@@ -70,7 +69,7 @@ class Problem:
 
     def own(self, run: FitData) -> tuple[FreeParameter, ...]:
         """The unknowns of one run."""
-        return (START,) * self.wires(run) + (SWITCH,) * run.groups + (AMBIENT,) * (run.ambient_std > 0.0)
+        return (START,) * run.starts + (SWITCH,) * run.groups + (AMBIENT,) * (run.ambient_std > 0.0)
 
     @property
     def unknowns(self) -> tuple[FreeParameter, ...]:
@@ -97,17 +96,17 @@ class Problem:
 
     def fitted(self, z: Vector) -> Config:
         """The configuration with the free parameters at z."""
-        return with_values(self.config, self.values(z))
+        return self.config.variant(self.values(z))
 
     def nuisance(self, run: FitData, part: Vector) -> Nuisance:
         """What z says about one run; `part` are its unknowns."""
-        at, wires = len(self.shared), self.wires(run)
-        quasi_static = run.on_bench(self.config).structure.structure.is_quasi_static
-        start = tuple(START.value(float(x)) for x in part[at : at + wires])
-        last = at + wires + run.groups
-        switches = tuple(SWITCH.value(float(x)) for x in part[at + wires : last])
+        shared = len(self.shared)
+        first, last = shared + run.starts, shared + run.starts + run.groups
+        start = tuple(START.value(float(x)) for x in part[shared:first])
+        switches = tuple(SWITCH.value(float(x)) for x in part[first:last])
         ambient = run.ambient_std * float(part[last:].sum())
-        return Nuisance(0.0 if quasi_static else self.delay_at(part), start, switches, quasi_static, ambient)
+        delay = 0.0 if run.is_quasi_static else self.delay_at(part)
+        return Nuisance(delay, start, switches, run.is_quasi_static, ambient)
 
     def delay_at(self, z: Vector) -> float:
         """The delay [s]."""

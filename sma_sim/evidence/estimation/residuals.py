@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import nan
+from math import isnan, nan
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.noise import estimate_noise
-from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Recording, is_resistance
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Recording, channels_of_family, in_order, is_resistance
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.expected import expect
@@ -47,7 +47,8 @@ class FitData:
     `ambient_std` [K]: prior of what its ambient temperature differs by, 0 where that is known. `unpowered_side`: the sign of
     a command that heats nothing.
     `bench`: on which the wire was, by the name of its structure; empty for that of the configuration. `level`: the
-    stress [Pa] of an isobaric test, NaN of others. `zero_range`: of an unknown zero of the strain gauge.
+    stress [Pa] of an isobaric test, NaN of others. `zero_range`: of an unknown zero of the strain gauge. `starts`: wires of
+    which it is unknown where they begin within the hysteresis.
     """
 
     name: str
@@ -68,6 +69,12 @@ class FitData:
     bench: str = ''
     level: float = nan
     zero_range: tuple[float, float] = (-ZERO_LIMIT, ZERO_LIMIT)
+    starts: int = 0
+
+    @property
+    def is_quasi_static(self) -> bool:
+        """Whether its time says nothing: stress and temperature then say what a wire was before."""
+        return not isnan(self.level)
 
     @property
     def groups(self) -> int:
@@ -118,10 +125,12 @@ def fit_data(
     Raises UserError when no channel was measured, or when the noise of one is not known.
     """
     channels = tuple(
-        name for name in CHANNEL_COLUMNS if name in recording.channels and np.isfinite(recording.channels[name]).any()
+        name for name in in_order(recording.channels, recording.system) if np.isfinite(recording.channels[name]).any()
     )
     if not channels:
-        raise UserError(f'{recording.name}: no channel was measured; expected one of {", ".join(CHANNEL_COLUMNS)}')
+        raise UserError(
+            f'{recording.name}: no channel was measured; expected one of {", ".join(channels_of_family(recording.system))}'
+        )
     for name in channels:
         if not (np.isfinite(noise_std.get(name, np.nan)) and noise_std[name] >= 0.0):
             raise UserError(f'{recording.name}: no noise is known for channel {name}; give it as noise_std in meta.json')
@@ -151,6 +160,7 @@ def fit_data(
         bench=recording.system,
         level=level,
         zero_range=zero_range(recording, level),
+        starts=0 if structure.is_quasi_static else structure.wires,
     )
 
 

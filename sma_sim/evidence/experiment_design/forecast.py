@@ -111,7 +111,7 @@ def evaluation_points(hypothesis: ModelHypothesis, run: FitData, centres: int, d
     """The fitted values with their neighbours, and `draws`; for `centres` - 1 of the draws their neighbours too."""
     problem = replace(hypothesis.fitted.problem.at_tolerance(PREDICTION_RTOL), runs=(run,), delay=None)
     low, high = problem.limits()
-    n, wires = hypothesis.shared, problem.wires(run)
+    n, wires = hypothesis.shared, run.starts
     root = np.zeros((n + wires, n + wires))
     root[:n, :n], root[n:, n:] = hypothesis.root, np.eye(wires)
     best = np.clip(np.concatenate([hypothesis.fitted.z[:n], hypothesis.starts]), low, high)

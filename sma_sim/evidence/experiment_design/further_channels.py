@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.free_parameters import RESISTIVITY_NAMES, declared_parameters, free_parameter, values_of
+from sma_sim.evidence.estimation.free_parameters import RESISTIVITY_NAMES, declared_parameters, free_parameter
 from sma_sim.evidence.estimation.levenberg_marquardt import measured_steps
 from sma_sim.evidence.estimation.problem import LinearizedRun, Problem, linearize
 from sma_sim.evidence.estimation.residuals import FitData
@@ -173,7 +173,7 @@ def with_resistivities(fit: FitResult) -> tuple[Problem, Matrix, NDArray[np.int6
     """
     problem, at = fit.problem.at_tolerance(RTOL), len(fit.problem.free)
     known, config = {p.name for p in problem.free}, problem.config
-    declared, values = declared_parameters(config), values_of(config)
+    declared, values = declared_parameters(config), config.values
     more = tuple(
         free_parameter(name, values[name], declared[name], config.priors.get(name))
         for name in RESISTIVITY_NAMES

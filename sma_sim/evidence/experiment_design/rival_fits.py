@@ -219,7 +219,7 @@ def laplace_hypothesis(rival: NamedFit, noise_factor: float, context: SearchCont
     hessian = accumulated(parts, z, problem.tempering)[2]
     n = len(problem.shared)
     covariance = np.asarray(np.linalg.inv(hessian), dtype=np.float64)
-    wires = problem.wires(problem.runs[0])
+    wires = problem.runs[0].starts
     starts: Vector = np.array([z[indices[n : n + wires]] for indices in problem.indices()]).mean(axis=0)
     root = np.asarray(np.linalg.cholesky(covariance[:n, :n]), dtype=np.float64)
     draws = posterior_draws(rival.fitted, cost, covariance, context)[:, :n]

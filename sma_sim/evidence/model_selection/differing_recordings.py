@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.estimation.problem import AMBIENT_STEP, LinearizedRun, Problem, linearize, residuals_at
 from sma_sim.evidence.estimation.recording_differences import ZERO_PART, RecordingDifference
 from sma_sim.evidence.estimation.search_context import SearchContext
@@ -68,11 +67,10 @@ def responses_at(
     structure = problem.config.structure.structure
     sizes = dict(zip(structure.channels, channel_scales(structure), strict=True))
     found = []
-    for name in CHANNEL_COLUMNS:
-        if any(name in run.channels for run in problem.runs):
-            zero = RecordingDifference(f'the zero of {name}', channel=name, std=ZERO_PART * sizes[name])
-            rows = [np.array([[channel == name] for channel in run.channels]) for run in problem.runs]
-            found.append((zero, [row * zero.std * run.weight for row, run in zip(rows, problem.runs, strict=True)]))
+    for name in dict.fromkeys(name for run in problem.runs for name in run.channels):
+        zero = RecordingDifference(f'the zero of {name}', channel=name, std=ZERO_PART * sizes[name])
+        rows = [np.array([[channel == name] for channel in run.channels]) for run in problem.runs]
+        found.append((zero, [row * zero.std * run.weight for row, run in zip(rows, problem.runs, strict=True)]))
     differing, start = with_difference(problem, z, AMBIENT)
     if not problem.differences:
         for own in differing.indices():

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.free_parameters import declared_parameters, default_names, free_parameter, values_of
+from sma_sim.evidence.estimation.free_parameters import declared_parameters, default_names, free_parameter
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize, with_early_stopping
 from sma_sim.evidence.estimation.problem import Problem
 from sma_sim.evidence.estimation.search_context import SearchContext
@@ -75,7 +75,7 @@ def with_other_kinetics(fit: FitResult) -> tuple[Problem, Vector]:
     measured = {channel for run in problem.runs for channel in run.channels}
     names = [*default_names(config, measured), *(p.name for p in problem.free if p.name.startswith('effects.'))]
     known = dict(zip([p.name for p in problem.free], zip(problem.free, fit.z, strict=False), strict=True))
-    declared, values = declared_parameters(config), values_of(config)
+    declared, values = declared_parameters(config), config.values
     free = [
         known[name][0] if name in known else free_parameter(name, values[name], declared[name], config.priors.get(name))
         for name in names

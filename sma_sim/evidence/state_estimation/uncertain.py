@@ -13,8 +13,6 @@ from sma_sim.evidence.estimation.free_parameters import (
     choose_free,
     declared_parameters,
     free_parameter,
-    values_of,
-    with_values,
 )
 from sma_sim.model.config import Config
 from sma_sim.solver.effect_table import channel_scales
@@ -32,7 +30,7 @@ def uncertain_parameters(config: Config) -> tuple[FreeParameter, ...]:
     `Config.priors`. Where these say nothing, observer.parameter_std and length_std hold; of parameters of effects the prior
     covers the realistic range.
     """
-    declared, values = declared_parameters(config), values_of(config)
+    declared, values = declared_parameters(config), config.values
     lengths, others = (config.parameters[f'observer.{name}'] for name in ('length_std', 'parameter_std'))
     known = config.covariance
     fitted = {} if known is None else dict(zip(known.names, np.sqrt(np.diag(known.matrix)).tolist(), strict=True))
@@ -60,7 +58,7 @@ def prior_correlation(config: Config, free: Sequence[FreeParameter]) -> Matrix:
 
 def configured(config: Config, free: tuple[FreeParameter, ...], z: Vector) -> Config:
     """The configuration with its parameters at coordinates z (P,)."""
-    return with_values(config, {one.name: one.value(x) for one, x in zip(free, z, strict=True)})
+    return config.variant({one.name: one.value(x) for one, x in zip(free, z, strict=True)})
 
 
 def models_about(config: Config, free: tuple[FreeParameter, ...], z: Vector) -> tuple[Model, list[Model]]:

@@ -61,6 +61,16 @@ class ActiveEffect:
         pairs = zip(self.found.effect.parameters, self.values, strict=False)
         return f'{self.found.effect.name}({", ".join(f"{parameter.name}={value:g}" for parameter, value in pairs)})'
 
+    @property
+    def by_name(self) -> dict[str, float]:
+        """The values by full name, such as ``effects.gravity.g_y``."""
+        effect = self.found.effect
+        return {f'effects.{effect.name}.{p.name}': v for p, v in zip(effect.parameters, self.values, strict=True)}
+
+    def with_values(self, values: Mapping[str, float]) -> ActiveEffect:
+        """The same with values that are given by full name."""
+        return replace(self, values=tuple(values.get(name, value) for name, value in self.by_name.items()))
+
 
 @cache
 def package_effects() -> dict[str, FoundEffect]:
