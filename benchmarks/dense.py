@@ -18,8 +18,7 @@ from tangents import NOISE, timed
 
 from sma_sim import Input, Recording, module_input, simulate
 from sma_sim.evidence.estimation.free_parameters import choose_free
-from sma_sim.evidence.estimation.levenberg_marquardt import start_point
-from sma_sim.evidence.estimation.problem import Problem, linearize
+from sma_sim.evidence.estimation.problem import Problem, linearize, start_point
 from sma_sim.evidence.estimation.residuals import fit_data
 from sma_sim.solver.fixed_rate import FixedRateRun
 

@@ -38,8 +38,7 @@ from sma_sim.challenge.robot import NOISE_STD
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.estimation.calibrate import problem_for
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.levenberg_marquardt import start_point
-from sma_sim.evidence.estimation.problem import Problem, residuals_at
+from sma_sim.evidence.estimation.problem import Problem, residuals_at, start_point
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, FROM_PRIORS
 from sma_sim.evidence.model_selection.candidates import Candidate, candidates_for

@@ -61,7 +61,8 @@ from sma_sim.evidence.diagnosis.diagnose import Diagnosis, diagnose
 from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, final_calibration, problem_for
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.held_out_prediction import nuisances_of
-from sma_sim.evidence.estimation.levenberg_marquardt import minimize, start_point
+from sma_sim.evidence.estimation.levenberg_marquardt import minimize
+from sma_sim.evidence.estimation.problem import start_point
 from sma_sim.evidence.estimation.residuals import model_columns
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS

@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import Any, TypeAlias
 
 from sma_sim.model.comparable import Comparable
-from sma_sim.model.covariance import MATRIX, NAMES, ParameterCovariance, checked_covariance
+from sma_sim.model.covariance import MATRIX, NAMES, ParameterCovariance, covariance_given
 from sma_sim.model.effects.discovery import (
     ActiveEffect,
     FoundEffect,
@@ -194,10 +194,14 @@ class Config(Comparable):
             covariance=None,
         )
 
-    def with_covariance(self, covariance: ParameterCovariance | None) -> Config:
-        """The same with another covariance of its values, or none. Raises UserError for what is none of them."""
-        made = self.variant()
-        made.__dict__['covariance'] = covariance_given(covariance, self.structure.structure, self.effects)
+    def with_covariance(self, covariance: ParameterCovariance | Mapping[str, RawValue] | None) -> Config:
+        """The same with another covariance of its values (also by the names of a file), or none.
+
+        Raises UserError for what is no covariance of parameters that a fit can change.
+        """
+        made, active = self.variant(), [one.found.effect.name for one in self.effects]
+        declared = fitted_parameters(self.structure.structure, self.effects)
+        made.__dict__['covariance'] = covariance_given(covariance, declared, active)
         return made
 
     def variant(
@@ -291,24 +295,6 @@ def fitted_parameters(structure: Structure, effects: Iterable[ActiveEffect]) -> 
     """What a fit can change, by full name."""
     declared = {name: one for name, one in structure.all_parameters.items() if name.split('.')[0] not in NEVER_FITTED}
     return declared | effect_parameters({active.found.effect.name: active.found for active in effects})
-
-
-def covariance_given(
-    given: ParameterCovariance | Mapping[str, RawValue] | None, structure: Structure, effects: Sequence[ActiveEffect]
-) -> ParameterCovariance | None:
-    """A covariance of what a fit can change, as such or by the names of a file; None where there is none.
-
-    Raises ConfigError.
-    """
-    if isinstance(given, ParameterCovariance):
-        where = 'in with_covariance'
-        given = {NAMES: RawValue(given.names, where), MATRIX: RawValue(given.matrix, where)} if given.names else None
-    if not given:
-        return None
-    if given.keys() != {NAMES, MATRIX}:
-        raise ConfigError(f'{next(iter(given))} ({next(iter(given.values())).where}): expected both {NAMES} and {MATRIX}')
-    active = [one.found.effect.name for one in effects]
-    return checked_covariance(given[NAMES], given[MATRIX], fitted_parameters(structure, effects), active)
 
 
 def checked_priors(given: Mapping[str, RawValue], structure: Structure, effects: Iterable[ActiveEffect]) -> dict[str, float]:
@@ -577,7 +563,7 @@ def checked(given: Mapping[str, RawValue], objects: Mapping[str, FoundEffect] = 
     values = {name: known[name] for name in defaults}
     priors = checked_priors(stds, structure, effects)
     made = Config(values, structure.family, kinetics, effects, settings, own if own.files else None, priors)
-    return made.with_covariance(covariance_given(together, structure, effects))
+    return made.with_covariance(together)
 
 
 def checked_kinetics(name: str, one: RawValue, given: Mapping[str, RawValue]) -> str:

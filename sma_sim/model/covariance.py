@@ -40,13 +40,21 @@ class ParameterCovariance(Comparable):
         return ParameterCovariance(tuple(names), self.matrix[np.ix_(kept, kept)])
 
 
-def checked_covariance(
-    names: RawValue, matrix: RawValue, declared: Mapping[str, Parameter], active: Sequence[str]
+def covariance_given(
+    given: ParameterCovariance | Mapping[str, RawValue] | None, declared: Mapping[str, Parameter], active: Sequence[str]
 ) -> ParameterCovariance | None:
-    """A covariance as it was given, of `declared` parameters; effects that are not `active` are left out.
+    """A covariance of `declared` parameters, as such or by the names of a file; effects that are not `active` are left out.
 
-    Raises ConfigError.
+    None where there is none. Raises ConfigError.
     """
+    if isinstance(given, ParameterCovariance):
+        where = 'in with_covariance'
+        given = {NAMES: RawValue(given.names, where), MATRIX: RawValue(given.matrix, where)} if given.names else None
+    if not given:
+        return None
+    if given.keys() != {NAMES, MATRIX}:
+        raise ConfigError(f'{next(iter(given))} ({next(iter(given.values())).where}): expected both {NAMES} and {MATRIX}')
+    names, matrix = given[NAMES], given[MATRIX]
     said = f'{NAMES} and {MATRIX} ({names.where})'
     listed = list(names.value) if isinstance(names.value, list | tuple) else [names.value]
     for name in listed:

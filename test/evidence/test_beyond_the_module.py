@@ -150,7 +150,7 @@ def test_responses_to_an_input_add_up(name, port):
 def test_states_that_terms_read():
     """Of three wires the others' temperature is their mean; coordinates and rates have the structure's names."""
     from sma_sim.evidence.estimation.calibrate import problem_for
-    from sma_sim.evidence.estimation.levenberg_marquardt import start_point
+    from sma_sim.evidence.estimation.problem import start_point
 
     model = model_of('spatial', 'mas')
     source = command_of('spatial', 8.0)

@@ -13,8 +13,7 @@ from sma_sim.evidence.diagnosis.review import reviewed
 from sma_sim.evidence.estimation.calibrate import FitOptions, problem_for
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.levenberg_marquardt import start_point
-from sma_sim.evidence.estimation.problem import AMBIENT, linearize, residuals_at
+from sma_sim.evidence.estimation.problem import AMBIENT, linearize, residuals_at, start_point
 from sma_sim.evidence.estimation.recording_differences import AMBIENT_STD, RecordingDifference, with_differences
 from sma_sim.evidence.estimation.residuals import Nuisance, fit_data, planned_run, predict
 from sma_sim.evidence.estimation.search_context import SearchContext

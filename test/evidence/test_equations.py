@@ -13,8 +13,8 @@ from sma_sim import Effect, Parameter, find_effects, simulate
 from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.estimation.calibrate import FitOptions, problem_for
-from sma_sim.evidence.estimation.levenberg_marquardt import start_point
 from sma_sim.evidence.estimation.prepared_fit import prepare
+from sma_sim.evidence.estimation.problem import start_point
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.nominal_fit import nominal_fit

@@ -6,8 +6,7 @@ from simulated_data import config as module
 
 from sma_sim import FitOptions, Input, Recording, read_config
 from sma_sim.evidence.estimation.free_parameters import choose_free
-from sma_sim.evidence.estimation.materials import MATERIALS, material_of, usual_ranges
-from sma_sim.evidence.estimation.plausibility import implausible_parameters
+from sma_sim.evidence.estimation.plausibility import MATERIALS, implausible_parameters, material_of, usual_ranges
 from sma_sim.evidence.estimation.residuals import SOFTEST, ZERO_LIMIT, fit_data
 from sma_sim.model.errors import UserError
 from sma_sim.words.fit_remarks import implausible_sentence

@@ -13,9 +13,15 @@ from scipy.optimize import minimize as scipy_minimize
 from sma_sim.evidence.estimation import levenberg_marquardt, plausibility
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.levenberg_marquardt import (
+    CURVATURE,
     DAMPING_INCREASE,
     MAX_DAMPING,
+    MAX_RUN_STEP,
+    MAX_STEP,
+    MIN_STEP,
+    SOLVER_ERROR,
     EarlyStopping,
+    better_steps,
     bounded_step,
     cost_at,
     damped_step,
@@ -24,18 +30,9 @@ from sma_sim.evidence.estimation.levenberg_marquardt import (
     minimize,
     normal_equations,
     quadratic_model,
-    start_point,
 )
 from sma_sim.evidence.estimation.plausibility import approximate_covariance
-from sma_sim.evidence.estimation.problem import (
-    CURVATURE,
-    MAX_RUN_STEP,
-    MAX_STEP,
-    MIN_STEP,
-    SOLVER_ERROR,
-    LinearizedRun,
-    better_steps,
-)
+from sma_sim.evidence.estimation.problem import LinearizedRun, start_point
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import StopCriteria
 from sma_sim.solver.simulate import SimulationError

@@ -11,8 +11,7 @@ from simulated_data import config, dataset, scaled
 
 from sma_sim import DiagnosisRequest, FitOptions, Recording, diagnose, find_effects, module_input, predict
 from sma_sim.evidence.diagnosis.review import reviewed
-from sma_sim.evidence.estimation.levenberg_marquardt import start_point
-from sma_sim.evidence.estimation.problem import residuals_at
+from sma_sim.evidence.estimation.problem import residuals_at, start_point
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.set_up.check import (

@@ -15,7 +15,7 @@ from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.tables import check_writable
 from sma_sim.evidence.estimation.curve_features import CurveFeatures, curve_features
 from sma_sim.evidence.estimation.executors import dask_executor, executor_or_threads
-from sma_sim.evidence.estimation.materials import MATERIALS
+from sma_sim.evidence.estimation.plausibility import MATERIALS
 from sma_sim.evidence.estimation.prepared_fit import on_leading_bench, started_from
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError

@@ -27,10 +27,9 @@ from sma_sim.evidence.estimation.calibrate import (
 from sma_sim.evidence.estimation.curve_features import curve_features
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
 from sma_sim.evidence.estimation.held_out_prediction import RunFit, evaluate_held_out, own_unknowns, pooled_error, run_fits
-from sma_sim.evidence.estimation.levenberg_marquardt import start_point
 from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.prepared_fit import PreparedFit
-from sma_sim.evidence.estimation.problem import linearize
+from sma_sim.evidence.estimation.problem import linearize, start_point
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference, with_differences
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS

@@ -33,13 +33,12 @@ from sma_sim.evidence.estimation.free_parameters import (
     with_nuisance_names,
 )
 from sma_sim.evidence.estimation.held_out_prediction import RunFit, mean_error, run_fits, with_starts
-from sma_sim.evidence.estimation.levenberg_marquardt import cost_at, feasible, minimize, start_point
+from sma_sim.evidence.estimation.levenberg_marquardt import cost_at, feasible, minimize
 from sma_sim.evidence.estimation.log_evidence import DECISIVE, kinetics_probabilities, log_evidences
-from sma_sim.evidence.estimation.materials import MATERIALS
 from sma_sim.evidence.estimation.overdispersion import overdispersion
-from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, implausible_parameters, reported_covariance
+from sma_sim.evidence.estimation.plausibility import MATERIALS, ImplausibleParameter, implausible_of
 from sma_sim.evidence.estimation.prepared_fit import PreparedFit, check_kinetics, prepare
-from sma_sim.evidence.estimation.problem import AMBIENT, DELAY, START, LinearizedRun, Problem
+from sma_sim.evidence.estimation.problem import AMBIENT, DELAY, START, LinearizedRun, Problem, start_point
 from sma_sim.evidence.estimation.residuals import ZERO_STDS, FitData, fit_data
 from sma_sim.evidence.estimation.run_estimates import ParameterByRun, ReducedRun, estimates_by_run, reduced_run
 from sma_sim.evidence.estimation.run_subset import from_subset, run_subset
@@ -471,14 +470,6 @@ def final_calibration(dataset: Dataset, fit: FitResult, options: FitOptions, con
 def information_and_reduced(fit: FitResult, data: FitData, run: LinearizedRun) -> tuple[RunInformation, ReducedRun]:
     """What intervals and the estimates of single recordings need of one, linearized at the optimum of a fit."""
     return information_of(data, run, fit.problem.robust), reduced_run(fit.problem, fit.z, data, run)
-
-
-def implausible_of(fit: FitResult, known: Uncertainty | None) -> tuple[ImplausibleParameter, ...]:
-    """What left its plausible range by more than it is uncertain; nothing where that is not known."""
-    if known is None:
-        return ()
-    covariance = reported_covariance(fit.problem.free, known)
-    return implausible_parameters(fit.config, fit.problem.free, fit.z, covariance, fit.problem.material)
 
 
 def calibration_of(fit: FitResult, context: SearchContext) -> Calibration:

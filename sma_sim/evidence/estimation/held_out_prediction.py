@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.executors import executor_or_threads
-from sma_sim.evidence.estimation.levenberg_marquardt import minimize, start_point
-from sma_sim.evidence.estimation.problem import START, SWITCH, Problem, residuals_at
+from sma_sim.evidence.estimation.levenberg_marquardt import minimize
+from sma_sim.evidence.estimation.problem import START, SWITCH, Problem, residuals_at, start_point
 from sma_sim.evidence.estimation.residuals import (
     FitData,
     Nuisance,

@@ -20,7 +20,6 @@ from sma_sim.evidence.estimation.problem import (
     HUBER_CORNER,
     LinearizedRun,
     Problem,
-    better_steps,
     linearized_in_turn,
     residuals_at,
 )
@@ -36,6 +35,10 @@ WARM_UP = 3  # iterations before early stopping may end a minimisation
 MAX_SECANT_STEPS = 12  # without a linearisation, which costs more than all of them
 SECANT_WARM_UP, PACE_STEPS = 5, 3  # steps before one that is too slow may be given up, and those that tell how fast it is
 SECANT_DAMPING, SECANT_DAMPING_FLOOR = 10.0, 1e-3  # factor after a step that gained little, or much; least at a start
+MIN_STEP, MAX_STEP = 1e-6, 0.02  # of differences, in standard deviations of the priors
+MAX_RUN_STEP = 0.005  # of a start: a MAS wire leaves the neighbourhood of sigma_A at once, so curvature is high there
+CURVATURE = 4.0  # each derivative relative to the one before, in z
+SOLVER_ERROR = 40.0  # of a sample, in units of its noise and of solver.rtol (docs/explanation/calibration.md)
 COST_FLOOR = 1e-9  # per sample; below it only the solver's error is fitted
 QuadraticModel = tuple[float, Vector, Matrix]  # cost, gradient, Gauss-Newton Hessian
 
@@ -254,6 +257,21 @@ def measured_steps(problem: Problem, z: Vector, executor: Executor) -> Vector | 
     return better_steps(problem, accumulated(normal_parts(problem, z, executor), z, problem.tempering)[2], central=True)
 
 
+def better_steps(problem: Problem, hessian: Matrix, central: bool) -> Vector:
+    """Difference steps from the (data's) Gauss-Newton Hessian of a linearisation.
+
+    With e the solver's error, s the sensitivity and b the CURVATURE, one-sided differences are wrong by e/h + s b h/2,
+    central ones by e/h + s b^2 h^2/6: the steps are where that is least.
+    """
+    error = SOLVER_ERROR * problem.config.parameters['solver.rtol']
+    sensitivity = np.sqrt(np.maximum(np.diag(hessian), 1e-300) / max(1, problem.samples))
+    ratio = error / sensitivity
+    best = np.cbrt(3.0 * ratio / CURVATURE**2) if central else np.sqrt(2.0 * ratio / CURVATURE)
+    most = np.where(np.arange(len(best)) < len(problem.shared), MAX_STEP, MAX_RUN_STEP)
+    steps: Vector = np.clip(best, MIN_STEP, most)
+    return steps
+
+
 def damped_step(
     problem: Problem, z: Vector, model: QuadraticModel, damping: float, min_decrease: float, executor: Executor
 ) -> tuple[Vector, float, float]:
@@ -277,12 +295,6 @@ def damped_step(
             return step, gained, damping / 10.0 if gained > 0.5 * expected else damping
         damping *= DAMPING_INCREASE
     return np.zeros_like(z), 0.0, damping
-
-
-def start_point(problem: Problem, guess: Vector | None = None) -> Vector:
-    """A point at the middle of the priors, within the bounds."""
-    low, high = problem.limits()
-    return np.clip(np.zeros(len(low)) if guess is None else guess, low, high)
 
 
 def feasible(problem: Problem, z: Vector, executor: Executor) -> bool:

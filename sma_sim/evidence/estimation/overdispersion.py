@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.problem import Problem, residuals_at
-from sma_sim.evidence.estimation.residuals import FitData
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -31,19 +30,6 @@ def overdispersion(problem: Problem, z: Vector, pool: Executor) -> float:
     size = sqrt(sum(float(np.vdot(residuals, residuals)) for residuals in found) / problem.samples)
     longest = max(autocorrelation_time(row) for residuals in found for row in residuals)
     return max(1.0, size * sqrt(longest))
-
-
-def channel_overdispersion(run: FitData, residuals: Matrix, unknowns: int) -> Vector:
-    """k^2 (channels,) of a run: how much more the scores of each channel scatter than white noise of the stated size.
-
-    `residuals` (channels, k) over noise, of a fit with so many unknowns. 1 where less than the noise is left.
-    """
-    counts = np.maximum(np.count_nonzero(run.weight, axis=1), 1)
-    left = 1.0 - min(0.5, unknowns / max(1, run.samples))
-    squares = np.sum(residuals**2, axis=1) / (counts * left)
-    times = np.array([autocorrelation_time(row) for row in residuals])
-    found: Vector = np.maximum(1.0, squares * times)
-    return found
 
 
 def autocorrelation_time(series: Vector) -> float:

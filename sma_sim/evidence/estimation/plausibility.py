@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, FreeParameter, declared_parameters
 from sma_sim.evidence.estimation.levenberg_marquardt import normal_parts
-from sma_sim.evidence.estimation.materials import Range, material_of, usual_ranges
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95, Uncertainty
 from sma_sim.model.config import Config
@@ -168,4 +167,101 @@ def approximate_covariance(fit: FitResult, context: SearchContext) -> Matrix:
 def implausible_in(fit: FitResult, context: SearchContext) -> tuple[ImplausibleParameter, ...]:
     """The parameters of a fit without intervals that left their plausible range. Raises SimulationError."""
     covariance = approximate_covariance(fit, context)
+    return implausible_parameters(fit.config, fit.problem.free, fit.z, covariance, fit.problem.material)
+
+
+# What literature calls usual of wires, by material and surroundings: a wire of another make is not implausible.
+#
+# Transformation temperatures tell the material where nobody has: austenite that is stable without load at room temperature
+# is superelastic; martensite that forms above 100 deg C is a high-temperature alloy (Ma, Karaman and Noebe, Int. Mater. Rev.
+# 55 (2010) 257); what is between is an actuator wire.
+Range = tuple[float, float]
+ROOM, HIGH = 298.0, 373.0  # [K]
+# Of all alloys: specific heat from 322 (Jackson, Wagner and Wasilewski, NASA-SP 5110, 1972) to 837 J/(kg K) (0.20 cal/(g K):
+# Dynalloy, Technical characteristics of Flexinol, F1140 Rev I.2).
+SPECIFIC_HEAT = (322.0, 837.0)
+# Nusselt numbers of thin horizontal cylinders, free convection in still air at the least, where wires of a bundle share
+# their air, to a flow of water (Morgan, Adv. Heat Transfer 11 (1975) 199); conductivities [W/(m K)] at 300 K.
+STILL_AIR, FLOWING_WATER = 0.15, 20.0
+AIR_CONDUCTIVITY, WATER_CONDUCTIVITY = 0.026, 0.61
+
+
+@dataclass(frozen=True)
+class Material:
+    """A kind of wire: what it is called in a sentence, and ranges [SI] by parameter of the wire."""
+
+    words: str
+    ranges: Mapping[str, Range]
+
+
+MATERIALS: Mapping[str, Material] = {
+    # Shaw and Kyriakides, J. Mech. Phys. Solids 43 (1995) 1243; Otsuka and Wayman, Shape Memory Materials (1998)
+    'superelastic': Material(
+        'superelastic NiTi',
+        {
+            'wire.E_A': (3e10, 9e10),
+            'wire.E_M': (1.5e10, 5e10),
+            'wire.eps_T': (0.02, 0.08),
+            'wire.sigma_T': (4e6, 9e6),
+            'wire.dsigma': (1e8, 4.5e8),
+        },
+    ),
+    # SMA Inc., Selected properties of NiTi (about 83 and 28 to 41 GPa; 8 % in one cycle, 4 % in 100,000); Lagoudas,
+    # Shape Memory Alloys (2008). sigma_T is rho ds/eps_T with an entropy ds of at most 0.105 J/(g K) (Resnina and Belyaev,
+    # Thermochim. Acta 602 (2015) 30)
+    'actuator': Material(
+        'an actuator wire of NiTi',
+        {
+            'wire.E_A': (3e10, 9e10),
+            'wire.E_M': (1.5e10, 4.5e10),
+            'wire.eps_T': (0.02, 0.07),
+            'wire.sigma_T': (4e6, 1e7),
+            'wire.dsigma': (3e7, 3e8),
+        },
+    ),
+    # Karaca et al., Mater. Sci. Technol. 30 (2014) 1530, and Acta Mater. 61 (2013) 7422 (up to 3.6 %); Bigelow et al.,
+    # Materialia 21 (2022) 101297
+    'high-temperature': Material(
+        'a high-temperature alloy such as NiTiHf',
+        {
+            'wire.E_A': (3e10, 1.1e11),
+            'wire.E_M': (1.5e10, 9e10),
+            'wire.eps_T': (0.005, 0.05),
+            'wire.sigma_T': (3e6, 1.6e7),
+            'wire.dsigma': (1e8, 6e8),
+        },
+    ),
+}
+
+
+def material_of(config: Config, given: str = '') -> Material | None:
+    """The material that was `given`, else of a single wire the one that its transformation temperatures tell.
+
+    None of others: their nominal values are those of the robot.
+    """
+    if given:
+        return MATERIALS[given]
+    if config.structure.structure.wires != 1:
+        return None
+    p = config.parameters
+    to_martensite, to_austenite = (
+        p['wire.T0'] - (p['wire.sigma_MW0'] + half * p['wire.dsigma']) / p['wire.sigma_T'] for half in (0.5, -0.5)
+    )
+    if to_martensite > HIGH:
+        return MATERIALS['high-temperature']
+    return MATERIALS['superelastic' if to_austenite < ROOM else 'actuator']
+
+
+def usual_ranges(material: Material, config: Config) -> dict[str, Range]:
+    """The ranges [SI] of a material by parameter, with what does not depend on it; lambda by the diameter of the wire."""
+    diameter = 2.0 * config.parameters['wire.r0']
+    cooling = STILL_AIR * AIR_CONDUCTIVITY / diameter, FLOWING_WATER * WATER_CONDUCTIVITY / diameter
+    return {**material.ranges, 'wire.c_V': SPECIFIC_HEAT, 'wire.lambda': cooling}
+
+
+def implausible_of(fit: FitResult, known: Uncertainty | None) -> tuple[ImplausibleParameter, ...]:
+    """What left its plausible range by more than it is uncertain; nothing where that is not known."""
+    if known is None:
+        return ()
+    covariance = reported_covariance(fit.problem.free, known)
     return implausible_parameters(fit.config, fit.problem.free, fit.z, covariance, fit.problem.material)

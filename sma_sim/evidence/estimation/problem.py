@@ -20,11 +20,8 @@ from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
-DEFAULT_STEP, MIN_STEP, MAX_STEP = 0.02, 1e-6, 0.02  # of differences, in standard deviations of the priors
+DEFAULT_STEP = 0.02  # of differences, in standard deviations of the priors
 AMBIENT_STEP = 0.1  # of differences in an ambient temperature, in standard deviations of its prior
-MAX_RUN_STEP = 0.005  # of a start: a MAS wire leaves the neighbourhood of sigma_A at once, so curvature is high there
-CURVATURE = 4.0  # each derivative relative to the one before, in z
-SOLVER_ERROR = 40.0  # of a sample, in units of its noise and of solver.rtol (docs/explanation/calibration.md)
 DELAY = FreeParameter('delay', 0.0, 0.05, -10.0, 100.0, False, 's')
 START = FreeParameter('start', 0.5, 0.5, -1.0, 1.0, False, '-')
 AMBIENT = FreeParameter('ambient', 0.0, 1.0, -5.0, 5.0, False, 'K')  # in standard deviations of the recording's prior
@@ -333,16 +330,7 @@ def assembled(
     return LinearizedRun(indices, base, jacobian)
 
 
-def better_steps(problem: Problem, hessian: Matrix, central: bool) -> Vector:
-    """Difference steps from the (data's) Gauss-Newton Hessian of a linearisation.
-
-    With e the solver's error, s the sensitivity and b the CURVATURE, one-sided differences are wrong by e/h + s b h/2,
-    central ones by e/h + s b^2 h^2/6: the steps are where that is least.
-    """
-    error = SOLVER_ERROR * problem.config.parameters['solver.rtol']
-    sensitivity = np.sqrt(np.maximum(np.diag(hessian), 1e-300) / max(1, problem.samples))
-    ratio = error / sensitivity
-    best = np.cbrt(3.0 * ratio / CURVATURE**2) if central else np.sqrt(2.0 * ratio / CURVATURE)
-    most = np.where(np.arange(len(best)) < len(problem.shared), MAX_STEP, MAX_RUN_STEP)
-    steps: Vector = np.clip(best, MIN_STEP, most)
-    return steps
+def start_point(problem: Problem, guess: Vector | None = None) -> Vector:
+    """A point at the middle of the priors, within the bounds."""
+    low, high = problem.limits()
+    return np.clip(np.zeros(len(low)) if guess is None else guess, low, high)

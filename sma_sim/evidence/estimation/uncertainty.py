@@ -29,8 +29,14 @@ from sma_sim.evidence.estimation.levenberg_marquardt import (
     normal_equations,
     robust_weights,
 )
-from sma_sim.evidence.estimation.overdispersion import autocorrelation_time, channel_overdispersion
-from sma_sim.evidence.estimation.problem import EvaluationTask, LinearizedRun, Problem, evaluate, linearized_in_turn
+from sma_sim.evidence.estimation.overdispersion import autocorrelation_time
+from sma_sim.evidence.estimation.problem import (
+    EvaluationTask,
+    LinearizedRun,
+    Problem,
+    evaluate,
+    linearized_in_turn,
+)
 from sma_sim.evidence.estimation.residuals import FitData
 from sma_sim.model.covariance import ParameterCovariance
 from sma_sim.solver.simulate import SimulationError
@@ -377,3 +383,16 @@ def sentence(free: Sequence[FreeParameter], vector: Vector) -> str:
 def moved(free: FreeParameter, z: float) -> str:
     """How far a step in z moves a parameter."""
     return f'{100.0 * free.scale * z:+.2g} %' if free.log else f'{free.scale * z:+.2g} {free.unit}'
+
+
+def channel_overdispersion(run: FitData, residuals: Matrix, unknowns: int) -> Vector:
+    """k^2 (channels,) of a run: how much more the scores of each channel scatter than white noise of the stated size.
+
+    `residuals` (channels, k) over noise, of a fit with so many unknowns. 1 where less than the noise is left.
+    """
+    counts = np.maximum(np.count_nonzero(run.weight, axis=1), 1)
+    left = 1.0 - min(0.5, unknowns / max(1, run.samples))
+    squares = np.sum(residuals**2, axis=1) / (counts * left)
+    times = np.array([autocorrelation_time(row) for row in residuals])
+    found: Vector = np.maximum(1.0, squares * times)
+    return found

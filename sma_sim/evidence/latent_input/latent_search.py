@@ -20,10 +20,10 @@ from sma_sim.evidence.estimation.calibrate import FitOptions, check, problem_for
 from sma_sim.evidence.estimation.executors import executor_or_threads, run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.injection_points import Port, ports_of
-from sma_sim.evidence.estimation.levenberg_marquardt import minimize, start_point
+from sma_sim.evidence.estimation.levenberg_marquardt import minimize
 from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.prepared_fit import check_kinetics, prepare
-from sma_sim.evidence.estimation.problem import Problem, residuals_at
+from sma_sim.evidence.estimation.problem import Problem, residuals_at, start_point
 from sma_sim.evidence.estimation.search_context import OnProgress, SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS, TEMPERED
 from sma_sim.evidence.latent_input.criteria import LATENT_CRITERIA

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from sma_sim.evidence.estimation.executors import run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import declared_parameters, free_parameter
-from sma_sim.evidence.estimation.levenberg_marquardt import secant_minimum, start_point
-from sma_sim.evidence.estimation.problem import DEFAULT_STEP, LinearizedRun, Problem, linearize, residuals_at
+from sma_sim.evidence.estimation.levenberg_marquardt import secant_minimum
+from sma_sim.evidence.estimation.problem import DEFAULT_STEP, LinearizedRun, Problem, linearize, residuals_at, start_point
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, FROM_PRIORS, SKETCH_DECREASE
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult

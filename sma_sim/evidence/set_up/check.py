@@ -25,8 +25,8 @@ from sma_sim.evidence.data.recordings import NEGLIGIBLE_FRACTION, value_range
 from sma_sim.evidence.estimation.calibrate import SEARCH_SAMPLES, FitOptions, full_problem, problem_for
 from sma_sim.evidence.estimation.executors import run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.levenberg_marquardt import accumulated, bounded_step, normal_equations, start_point
-from sma_sim.evidence.estimation.problem import LinearizedRun, Problem, linearize, residuals_at
+from sma_sim.evidence.estimation.levenberg_marquardt import accumulated, bounded_step, normal_equations
+from sma_sim.evidence.estimation.problem import LinearizedRun, Problem, linearize, residuals_at, start_point
 from sma_sim.evidence.estimation.recording_differences import with_differences
 from sma_sim.evidence.estimation.residuals import FitData, simulated
 from sma_sim.evidence.estimation.run_subset import chosen_runs
@@ -141,7 +141,7 @@ def wrong_columns(dataset: Dataset, config: Config, options: FitOptions, context
     copied = copied_commands(thinned(dataset, config, options), context)
     steps = list[Step]()
     while len(steps) < MOST_FAULTS and not context.stop.is_set():
-        problem = thinned(corrected(dataset, [step.fault for step in steps]), config, options)
+        problem = thinned(dataset, config, options, [step.fault for step in steps])
         proposals = proposed(problem, start_point(problem), context)
         step = best_step(problem, proposals, context) if proposals else None
         if step is None:
@@ -153,16 +153,16 @@ def wrong_columns(dataset: Dataset, config: Config, options: FitOptions, context
         steps.pop()
     found = [step.fault for step in steps]
     if copied:
-        unexplained = are_unexplained(thinned(corrected(dataset, found), config, options), context)
+        unexplained = are_unexplained(thinned(dataset, config, options, found), context)
         if still := tuple(fault for fault in copied if unexplained[fault.recordings[0]]):
             return still
-    return told_apart(found, symmetries(thinned(corrected(dataset, found), config, options))) if found else ()
+    return told_apart(found, symmetries(thinned(dataset, config, options, found))) if found else ()
 
 
-def thinned(dataset: Dataset, config: Config, options: FitOptions) -> Problem:
-    """The problem of all recordings on thinned samples."""
+def thinned(dataset: Dataset, config: Config, options: FitOptions, faults: Sequence[Fault] = ()) -> Problem:
+    """The problem of all recordings without some faults, on thinned samples."""
     longest = max(len(recording.time) for recording in dataset.recordings)
-    return problem_for(dataset, config, options, max(1, longest // SEARCH_SAMPLES))
+    return problem_for(corrected(dataset, faults), config, options, max(1, longest // SEARCH_SAMPLES))
 
 
 def without_fault(problem: Problem, fault: Fault) -> Problem:
