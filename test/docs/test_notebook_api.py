@@ -1,5 +1,6 @@
 """What a scientist does in a notebook: results that show, convert and save themselves, and mistakes that say their cure."""
 
+import importlib.util
 import re
 import sys
 from dataclasses import replace
@@ -10,6 +11,8 @@ import pytest
 
 import sma_sim
 from sma_sim import Config, Dataset, FitOptions, Model, Recording, UserError, module_input, simulate
+from sma_sim.evidence.estimation.calibrate import LimitReached
+from sma_sim.model.archive import MOVED, resolved
 from sma_sim.model.progress import ProgressLine
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -117,6 +120,12 @@ def diagnosis(dataset):
     config = Config(effects=sma_sim.effects.natural_convection(scope='wire_1'))
     request = sma_sim.DiagnosisRequest(kinetics='hybrid', options=QUICK, equation=False, variants=False)
     return sma_sim.diagnose(dataset, config, request=request)
+
+
+def test_results_that_were_saved_before_a_class_moved_are_read():
+    for module, now in MOVED.items():
+        assert importlib.util.find_spec(module) is None and importlib.util.find_spec(now) is not None
+    assert resolved('sma_sim.evidence.estimation.limits:LimitReached') is LimitReached
 
 
 def test_a_saved_diagnosis_says_the_same(diagnosis, tmp_path):

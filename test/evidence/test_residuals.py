@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from simulated_data import NOISE, command, config, recording, scaled
 
-from sma_sim import Model, Nuisance, Recording, UserError, module_input, predict, simulate, wire_input
+from sma_sim import Config, Model, Nuisance, Recording, UserError, module_input, predict, simulate, wire_input
 from sma_sim.evidence.data.tables import read_columns
 from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.evidence.estimation.residuals import error_over_noise, fit_data, most_steps, weighted_residuals
@@ -144,8 +144,11 @@ def test_what_is_missing_is_said():
         fit_data(run, {name: noise for name, noise in NOISE.items() if name != 'F_2'})
     with pytest.raises(UserError, match='no channel'):
         fit_data(replace(run, channels={}), NOISE)
-    with pytest.raises(UserError, match='no channel stress'):
-        weighted_residuals(config(), fit_data(replace(run, channels={'stress': run.channels['F_1']}), {'stress': 1.0}))
+    with pytest.raises(UserError, match="no channel 'stress'; it may have U_x"):
+        replace(run, channels={'stress': run.channels['F_1']})
+    pulled = Recording('pulled', 'wire', np.arange(3.0), {'strain': np.zeros(3)}, wire_input([0.0, 2.0], [0.0, 0.01]))
+    with pytest.raises(UserError, match='no channel strain'):  # another bench of a wire has it
+        weighted_residuals(Config(system='wire'), fit_data(pulled, {'strain': 1.0}))
 
 
 @pytest.mark.skipif(not REFERENCE.is_dir(), reason='the reference trajectories are not here')

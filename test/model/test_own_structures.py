@@ -5,11 +5,13 @@ import math
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from sma_sim import UserError, find_structures, read_config
+from sma_sim import Recording, UserError, find_structures, read_config, wire_input
 from sma_sim.cli.main import main
 from sma_sim.compiler.structure_kernels import native_structure
+from sma_sim.evidence.data.recording import in_order
 from sma_sim.explore.application import Application
 from sma_sim.explore.export import write_version
 from sma_sim.explore.session import Start, open_session
@@ -169,6 +171,15 @@ def rocker_below(folder):
     """The example in a folder of its own."""
     (folder / 'parts').mkdir()
     (folder / 'parts' / 'rocker.py').write_text((EXAMPLE / 'rocker.py').read_text())
+
+
+def test_what_was_read_before_says_nothing_of_a_recording():
+    """Of an own structure: its channels are no others', and stand behind none of theirs."""
+    find_structures([EXAMPLE])
+    run, rest = np.arange(3.0), wire_input([0.0, 2.0], [0.0, 0.01])
+    with pytest.raises(UserError, match="no channel 'angle'; it may have stress, "):
+        Recording('pulled', 'wire', run, {'angle': run}, rest)
+    assert in_order({'T', 'strain', 'angle', 'stress'}, 'wire') == ['stress', 'T', 'strain']
 
 
 def test_files_that_are_written_elsewhere_find_the_structure(tmp_path, monkeypatch):
