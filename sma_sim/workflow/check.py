@@ -47,7 +47,7 @@ def run_data(recording: Recording, held_out: bool) -> dict[str, Any]:
         'end': float(recording.time[-1]),
         'sample_time': float(np.median(steps)) if len(steps) else None,
         'longest_gap': float(steps.max()) if len(steps) else None,
-        'channels': {name: range_data(recording.channels[name]) for name in in_order(recording.channels, recording.system)},
+        'channels': {name: range_data(values) for name, values in recording.channels.items()},
         'inputs': {name: range_data(values) for name, values in inputs.items()},
         'notes': list(recording.notes),
     }

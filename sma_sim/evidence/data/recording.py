@@ -106,7 +106,7 @@ class Recording(Shown, Saved, Comparable):
         Sample times [s], increasing.
     channels : mapping
         Arrays (k,) by channel (U_x, U_y, alpha, F_1, F_2, T_1, T_2; stress, T), SI units, NaN where a sample is missing.
-        A channel that was not measured is absent.
+        A channel that was not measured is absent; they stand in the order of the system's files.
     source : Input
         The input of the run; it covers `time`.
     exact_commands : bool
@@ -163,13 +163,13 @@ class Recording(Shown, Saved, Comparable):
                 )
         object.__setattr__(self, 'time', time)
         numbers = {name: as_array(f'recording {self.name}, {name}', values) for name, values in self.channels.items()}
-        object.__setattr__(self, 'channels', numbers)
+        object.__setattr__(self, 'channels', {name: numbers[name] for name in known if name in numbers})
 
     def facts(self) -> Mapping[str, str]:
         """What is to be known at a glance."""
         first, last = (float(self.time[k]) if len(self.time) else float('nan') for k in (0, -1))
         found = {'name': self.name, 'system': self.system, 'samples': f'{len(self.time)} from {first:g} to {last:g} s'}
-        found['channels'] = ', '.join(CHANNEL_COLUMNS[name] for name in in_order(self.channels, self.system))
+        found['channels'] = ', '.join(CHANNEL_COLUMNS[name] for name in self.channels)
         return found | ({'notes': '; '.join(self.notes)} if self.notes else {})
 
 

@@ -29,11 +29,11 @@ from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
 from sma_sim.evidence.estimation.held_out_prediction import RunFit, evaluate_held_out, own_unknowns, pooled_error, run_fits
 from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.prepared_fit import PreparedFit
-from sma_sim.evidence.estimation.problem import linearize, start_point
+from sma_sim.evidence.estimation.problem import start_point
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference, with_differences
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS
-from sma_sim.evidence.estimation.uncertainty import AmbientDifference, information_of, reduced_runs, uncertainty
+from sma_sim.evidence.estimation.uncertainty import AmbientDifference, known_ambient
 from sma_sim.evidence.model_selection.criteria import CRITERIA, fits_all, unexplained_above
 from sma_sim.evidence.model_selection.differing_recordings import AMBIENT, with_difference
 from sma_sim.evidence.model_selection.refit import refit
@@ -297,10 +297,9 @@ def with_ambient_of_held_out(
     shared = [unknown.coordinate(value) for unknown, value in zip(problem.shared, values, strict=True)]
     z = start_point(problem, np.array([*shared, *(x for run in (*found.runs, *predicted) for x in own_unknowns(run))]))
     try:
-        said = reduced_runs(problem, z, context.pool, lambda run, linear: information_of(run, linear, problem.robust))
+        ambient = known_ambient(problem, z, context.pool)
     except SimulationError:
         return found
-    ambient = uncertainty(problem, z, said).ambient
     return replace(found, uncertainty=replace(known, ambient={**ambient, **known.ambient}))
 
 
@@ -408,9 +407,5 @@ def errors_of(fit: FitResult, training: Dataset, context: SearchContext) -> Pool
     fits = run_fits(fit.problem, fit.z, context.pool)
     count = len(training.recordings)
     ambient = {run.name: run.ambient for run in fits if run.ambient_std > 0.0}
-    known: Mapping[str, AmbientDifference] = {}
-    if ambient:
-        linear = linearize(fit.problem, fit.z, context.pool)
-        said = [information_of(data, run, fit.problem.robust) for data, run in zip(fit.problem.runs, linear, strict=True)]
-        known = uncertainty(fit.problem, fit.z, said).ambient
+    known = known_ambient(fit.problem, fit.z, context.pool) if ambient else {}
     return PooledErrors(pooled_error(fits[:count])[0], pooled_error(fits[count:])[0], ambient, known)

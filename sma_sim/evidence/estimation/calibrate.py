@@ -448,10 +448,10 @@ def final_calibration(dataset: Dataset, fit: FitResult, options: FitOptions, con
         (reduced,) = run_in_threads([job], context.stop)
         informations = [information for information, _ in reduced]
         known = uncertainty(last.problem, last.z, informations)
-        by_run = estimates_by_run(last.problem, last.z, [run for _, run in reduced])
         check = partial(checked_by_runs, known, last.problem, last.z, informations, context.pool)
         (checked,) = run_in_threads([check], context.stop)
         known = with_other_minima(checked, last.other_starts)
+        by_run = estimates_by_run(last.problem, last.z, [run for _, run in reduced])
     rtol = fit.problem.config.parameters['solver.rtol']
     return replace(
         found,

@@ -15,8 +15,6 @@ from sma_sim.model.errors import UserError
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.structures.discovery import known_structures
 
-GRADIENT = 'temperature_gradient'  # the effect of a specimen that is not equally warm
-
 
 @dataclass(frozen=True)
 class PreparedFit:
@@ -72,15 +70,6 @@ def with_nuisance_effects(config: Config, dataset: Dataset) -> Config:
             values = (p.default if p.neutral is None else p.neutral for p in found.effect.parameters)
             more.append(ActiveEffect(found, tuple(values)))
     return replace(config, effects=(*config.effects, *more))
-
-
-def with_temperature_gradient(config: Config) -> Config:
-    """The configuration of a specimen whose temperature may differ from end to end; itself where one is active already."""
-    if any(given.found.effect.name == GRADIENT for given in config.effects):
-        return config
-    found = effects_on(find_effects(), [GRADIENT], config.structure.structure, config.parameters)[GRADIENT]
-    values = tuple(p.default for p in found.effect.parameters)
-    return replace(config, effects=(*config.effects, ActiveEffect(found, values)))
 
 
 def check_parameters(name: str, found: FoundEffect, given: Iterable[str]) -> None:

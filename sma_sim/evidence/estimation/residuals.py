@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.noise import estimate_noise
-from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Recording, channels_of_family, in_order, is_resistance
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Recording, channels_of_family, is_resistance
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.expected import expect
@@ -124,9 +124,7 @@ def fit_data(
 
     Raises UserError when no channel was measured, or when the noise of one is not known.
     """
-    channels = tuple(
-        name for name in in_order(recording.channels, recording.system) if np.isfinite(recording.channels[name]).any()
-    )
+    channels = tuple(name for name, values in recording.channels.items() if np.isfinite(values).any())
     if not channels:
         raise UserError(
             f'{recording.name}: no channel was measured; expected one of {", ".join(channels_of_family(recording.system))}'

@@ -211,6 +211,12 @@ def uncertainty(problem: Problem, z: Vector, runs: Sequence[RunInformation]) -> 
     )
 
 
+def known_ambient(problem: Problem, z: Vector, executor: Executor) -> Mapping[str, AmbientDifference]:
+    """By recording, what a fit says at z of its ambient temperature. Raises SimulationError."""
+    runs = reduced_runs(problem, z, executor, lambda data, run: information_of(data, run, problem.robust))
+    return uncertainty(problem, z, runs).ambient
+
+
 def posterior_covariance(free: Sequence[FreeParameter], known: Uncertainty) -> ParameterCovariance | None:
     """What a fit leaves to know: the information behind the intervals, and that of the priors N(0, 1) of z.
 

@@ -9,16 +9,15 @@ from pathlib import Path
 from sma_sim.evidence.estimation.calibrate import FitOptions, multistart_search
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.log_evidence import more_probable
-from sma_sim.evidence.estimation.prepared_fit import (
-    PreparedFit,
-    check_kinetics,
-    with_temperature_gradient,
-)
+from sma_sim.evidence.estimation.prepared_fit import PreparedFit, check_kinetics
 from sma_sim.evidence.estimation.search_context import OnModel, SearchContext, silent_model
 from sma_sim.evidence.estimation.stop_criteria import NOMINAL_MODEL
+from sma_sim.model.config import Config
+from sma_sim.model.effects.discovery import ActiveEffect, effects_on, find_effects
 from sma_sim.model.expected import as_folders
 from sma_sim.model.renamed import renamed
 
+GRADIENT = 'temperature_gradient'  # the effect of a specimen that is not equally warm
 NOMINAL_STARTS = 2  # one may end in a valley that the other one avoids
 
 
@@ -97,3 +96,12 @@ def nominal_fit(start: PreparedFit, options: FitOptions, context: SearchContext)
 def report_model(kind: str, fit: FitResult, context: SearchContext) -> None:
     """Tell of a model that was fitted."""
     context.on_model(kind, fit.effects, fit.problem.config.simulated_kinetics, fit.error)
+
+
+def with_temperature_gradient(config: Config) -> Config:
+    """The configuration of a specimen whose temperature may differ from end to end; itself where one is active already."""
+    if any(given.found.effect.name == GRADIENT for given in config.effects):
+        return config
+    found = effects_on(find_effects(), [GRADIENT], config.structure.structure, config.parameters)[GRADIENT]
+    values = tuple(p.default for p in found.effect.parameters)
+    return replace(config, effects=(*config.effects, ActiveEffect(found, values)))
