@@ -26,8 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.estimation.levenberg_marquardt import cost_at
-from sma_sim.evidence.estimation.problem import Problem
+from sma_sim.evidence.estimation.problem import Problem, cost_at
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]

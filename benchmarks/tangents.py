@@ -22,8 +22,16 @@ from numpy.typing import NDArray
 
 from sma_sim import Recording, simulate
 from sma_sim.evidence.estimation.free_parameters import choose_free
-from sma_sim.evidence.estimation.levenberg_marquardt import accumulated, better_steps, normal_equations
-from sma_sim.evidence.estimation.problem import LinearizedRun, Problem, linearize, linearize_by_differences, start_point
+from sma_sim.evidence.estimation.levenberg_marquardt import better_steps
+from sma_sim.evidence.estimation.problem import (
+    LinearizedRun,
+    Problem,
+    accumulated,
+    linearize,
+    linearize_by_differences,
+    normal_equations,
+    start_point,
+)
 from sma_sim.evidence.estimation.residuals import fit_data
 
 NOISE = {'U_y': 2e-5, 'alpha': 3.5e-4, 'F_1': 0.05, 'F_2': 0.05}

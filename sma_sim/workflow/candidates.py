@@ -26,9 +26,18 @@ from sma_sim.evidence.data.recording import Dataset, in_order
 from sma_sim.evidence.estimation.calibrate import SEARCH_SAMPLES, Calibration, FitOptions, calibrate, problem_for
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import FreeParameter, free_parameter
-from sma_sim.evidence.estimation.held_out_prediction import own_unknowns
-from sma_sim.evidence.estimation.levenberg_marquardt import bounded_step, cost_at, quadratic_model, secant_minimum
-from sma_sim.evidence.estimation.problem import DEFAULT_STEP, DELAY, LinearizedRun, Problem, linearize, residuals_at
+from sma_sim.evidence.estimation.held_out_prediction import point_with
+from sma_sim.evidence.estimation.levenberg_marquardt import bounded_step, secant_minimum
+from sma_sim.evidence.estimation.problem import (
+    DEFAULT_STEP,
+    DELAY,
+    LinearizedRun,
+    Problem,
+    cost_at,
+    linearize,
+    quadratic_model,
+    residuals_at,
+)
 from sma_sim.evidence.estimation.residuals import fit_data
 from sma_sim.evidence.estimation.search_context import SearchContext, Stop, silent_iteration
 from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, SKETCH_DECREASE
@@ -238,8 +247,7 @@ def model_at(fitted: Dataset, config: Config, found: Calibration, executor: Exec
     )
     free = [parameter.coordinate(config.parameters[parameter.name]) for parameter in problem.free]
     delay = [] if problem.delay is not None else [DELAY.coordinate(found.delay)]
-    own = [z for fit in found.runs for z in own_unknowns(fit)]
-    z = np.clip(np.array([*free, *delay, *own]), *problem.limits())
+    z = point_with(problem, [*free, *delay], found.runs)
     return LinearModel(problem, z, tuple(linearize(problem, z, executor)))
 
 

@@ -17,15 +17,17 @@ from sma_sim.evidence.estimation.free_parameters import choose_free, free_parame
 from sma_sim.evidence.estimation.held_out_prediction import INITIAL_GUESSES, mean_error, pooled_error
 from sma_sim.evidence.estimation.injection_points import STIFFNESS, ports_of, small_force
 from sma_sim.evidence.estimation.interruption import stoppable
-from sma_sim.evidence.estimation.levenberg_marquardt import (
+from sma_sim.evidence.estimation.levenberg_marquardt import bounded_step
+from sma_sim.evidence.estimation.problem import (
+    HUBER_CORNER,
+    START,
+    LinearizedRun,
     NormalEquations,
     accumulated,
-    bounded_step,
     normal_equations,
     robust_cost,
     robust_weights,
 )
-from sma_sim.evidence.estimation.problem import HUBER_CORNER, START, LinearizedRun
 from sma_sim.evidence.estimation.residuals import (
     SOLVER_NOISE,
     error_over_noise,

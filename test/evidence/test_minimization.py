@@ -23,16 +23,19 @@ from sma_sim.evidence.estimation.levenberg_marquardt import (
     EarlyStopping,
     better_steps,
     bounded_step,
-    cost_at,
     damped_step,
-    feasible,
     measured_steps,
     minimize,
-    normal_equations,
-    quadratic_model,
 )
 from sma_sim.evidence.estimation.plausibility import approximate_covariance
-from sma_sim.evidence.estimation.problem import LinearizedRun, start_point
+from sma_sim.evidence.estimation.problem import (
+    LinearizedRun,
+    cost_at,
+    feasible,
+    normal_equations,
+    quadratic_model,
+    start_point,
+)
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import StopCriteria
 from sma_sim.solver.simulate import SimulationError

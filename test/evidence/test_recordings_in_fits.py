@@ -21,7 +21,7 @@ from sma_sim.evidence.estimation.free_parameters import (
 from sma_sim.evidence.estimation.held_out_prediction import (
     RunFit,
     nuisances_of,
-    own_unknowns,
+    point_with,
 )
 from sma_sim.evidence.estimation.problem import (
     AMBIENT_STEP,
@@ -97,14 +97,16 @@ def test_every_unknown_has_its_place():
 def test_what_one_run_was_found_to_be_comes_back_as_its_unknowns():
     problem = problem_of()
     run = replace(problem.runs[1], ambient_std=2.0)
+    alone = replace(problem, runs=(run,))
     part = np.array([0.0, 0.0, 0.4, 0.1, -0.2, 0.3, -0.4, 0.7])
     found = problem.nuisance(run, part)
     fit = RunFit('run1', found.start, (0.3, 0.6), found.switches, {}, 1.0, ambient=found.ambient, ambient_std=2.0)
-    assert own_unknowns(fit) == pytest.approx(part[3:])
+    assert point_with(alone, part[:3], (fit,)) == pytest.approx(part)
     again = nuisances_of(found.delay, (fit, replace(fit, name='still', quasi_static=True)))
     assert again['run1'] == found
     assert again['still'] == replace(found, delay=0.0, unknown_zero=True)
-    assert own_unknowns(replace(fit, ambient_std=0.0)) == pytest.approx(part[3:7])
+    known = replace(problem, runs=problem.runs[1:2])
+    assert point_with(known, part[:3], (replace(fit, ambient_std=0.0),)) == pytest.approx(part[:7])
 
 
 def test_samples_before_the_input_show_its_beginning():

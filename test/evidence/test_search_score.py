@@ -21,8 +21,7 @@ from sma_sim.evidence.estimation.calibrate import problem_for
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import choose_free
-from sma_sim.evidence.estimation.levenberg_marquardt import normal_equations
-from sma_sim.evidence.estimation.problem import LinearizedRun, start_point
+from sma_sim.evidence.estimation.problem import LinearizedRun, normal_equations, start_point
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import candidates_for, with_effect

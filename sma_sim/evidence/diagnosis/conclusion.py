@@ -26,10 +26,9 @@ from sma_sim.evidence.estimation.calibrate import (
 )
 from sma_sim.evidence.estimation.curve_features import curve_features
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
-from sma_sim.evidence.estimation.held_out_prediction import RunFit, evaluate_held_out, own_unknowns, pooled_error, run_fits
+from sma_sim.evidence.estimation.held_out_prediction import RunFit, evaluate_held_out, point_with, pooled_error, run_fits
 from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.prepared_fit import PreparedFit
-from sma_sim.evidence.estimation.problem import start_point
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference, with_differences
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS
@@ -295,9 +294,8 @@ def with_ambient_of_held_out(
     problem = full_problem(pooled(data.training, data.held_out), fit, data.options)
     values = [*(found.values[free.name] for free in problem.free), *[found.delay][: len(problem.shared) - len(problem.free)]]
     shared = [unknown.coordinate(value) for unknown, value in zip(problem.shared, values, strict=True)]
-    z = start_point(problem, np.array([*shared, *(x for run in (*found.runs, *predicted) for x in own_unknowns(run))]))
     try:
-        ambient = known_ambient(problem, z, context.pool)
+        ambient = known_ambient(problem, point_with(problem, shared, (*found.runs, *predicted)), context.pool)
     except SimulationError:
         return found
     return replace(found, uncertainty=replace(known, ambient={**ambient, **known.ambient}))
@@ -385,10 +383,8 @@ def refits(
     temperature for each run, where these have none yet and their wires have a balance of heat.
     """
     problem = replace(problem_for(both, last.problem.config, options, 1), free=last.problem.free)
-    own = [z for run in predicted for z in own_unknowns(run)]
-    z = start_point(problem, np.concatenate([last.z, own]))
     context.on_progress('fitting the held-out runs too')
-    found = refit(problem, z, context, FROM_PRIORS)
+    found = refit(problem, point_with(problem, last.z.tolist(), predicted), context, FROM_PRIORS)
     yield found
     context.on_progress('fitting all runs from the start')
     names = tuple(parameter.name for parameter in last.problem.free)

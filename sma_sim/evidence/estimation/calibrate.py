@@ -33,12 +33,12 @@ from sma_sim.evidence.estimation.free_parameters import (
     with_nuisance_names,
 )
 from sma_sim.evidence.estimation.held_out_prediction import RunFit, mean_error, run_fits, with_starts
-from sma_sim.evidence.estimation.levenberg_marquardt import cost_at, feasible, minimize
+from sma_sim.evidence.estimation.levenberg_marquardt import minimize
 from sma_sim.evidence.estimation.log_evidence import DECISIVE, kinetics_probabilities, log_evidences
 from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.plausibility import MATERIALS, ImplausibleParameter, implausible_of
 from sma_sim.evidence.estimation.prepared_fit import PreparedFit, check_kinetics, prepare
-from sma_sim.evidence.estimation.problem import AMBIENT, DELAY, START, LinearizedRun, Problem, start_point
+from sma_sim.evidence.estimation.problem import AMBIENT, DELAY, START, LinearizedRun, Problem, cost_at, feasible, start_point
 from sma_sim.evidence.estimation.residuals import ZERO_STDS, FitData, fit_data
 from sma_sim.evidence.estimation.run_estimates import ParameterByRun, ReducedRun, estimates_by_run, reduced_run
 from sma_sim.evidence.estimation.run_subset import from_subset, run_subset

@@ -70,10 +70,13 @@ def nuisances_of(delay: float, fits: Sequence[RunFit]) -> dict[str, Nuisance]:
     }
 
 
-def own_unknowns(fit: RunFit) -> list[float]:
-    """The coordinates of a run's starts, switching instants and ambient temperature, in the order of Problem.own."""
-    ambient = [fit.ambient / fit.ambient_std] if fit.ambient_std > 0.0 else []
-    return [*map(START.coordinate, fit.start), *map(SWITCH.coordinate, fit.switches), *ambient]
+def point_with(problem: Problem, known: Sequence[float], fits: Sequence[RunFit]) -> Vector:
+    """The point z (n,) of a problem from its first unknowns and what was estimated of the other runs, within the bounds."""
+    z = list(known)
+    for fit in fits:  # in the order of Problem.own
+        ambient = [fit.ambient / fit.ambient_std] if fit.ambient_std > 0.0 else []
+        z += [*map(START.coordinate, fit.start), *map(SWITCH.coordinate, fit.switches), *ambient]
+    return start_point(problem, np.array(z))
 
 
 def mean_error(channel_errors: Mapping[str, float]) -> float:

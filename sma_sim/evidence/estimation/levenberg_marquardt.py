@@ -1,14 +1,10 @@
-"""Bounded Levenberg-Marquardt over normal equations that are accumulated run by run.
-
-The Jacobian of thirty runs would not fit into memory at once: each run's part is added to the normal equations as it
-arrives. The prior, one in every coordinate, keeps them well conditioned.
-"""
+"""Bounded Levenberg-Marquardt, with derivatives of each iteration or with those of the first, which its steps correct."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,15 +13,19 @@ from scipy.optimize import lsq_linear
 
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.problem import (
-    HUBER_CORNER,
     LinearizedRun,
     Problem,
+    QuadraticModel,
+    accumulated,
+    cost_at,
+    cost_of,
     linearized_in_turn,
+    normal_parts,
+    quadratic_model,
     residuals_at,
 )
 from sma_sim.evidence.estimation.search_context import SearchContext, Stop
 from sma_sim.evidence.estimation.stop_criteria import StopCriteria
-from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -40,20 +40,6 @@ MAX_RUN_STEP = 0.005  # of a start: a MAS wire leaves the neighbourhood of sigma
 CURVATURE = 4.0  # each derivative relative to the one before, in z
 SOLVER_ERROR = 40.0  # of a sample, in units of its noise and of solver.rtol (docs/explanation/calibration.md)
 COST_FLOOR = 1e-9  # per sample; below it only the solver's error is fitted
-QuadraticModel = tuple[float, Vector, Matrix]  # cost, gradient, Gauss-Newton Hessian
-
-
-@dataclass(frozen=True)
-class NormalEquations:
-    """One run's part of the normal equations: cost (half the sum of squares), gradient, Gauss-Newton Hessian.
-
-    `indices`: where the run's unknowns are in z.
-    """
-
-    indices: NDArray[np.int64]
-    cost: float
-    gradient: Vector
-    hessian: Matrix
 
 
 class EarlyStopping:
@@ -81,42 +67,6 @@ def with_early_stopping(context: SearchContext, is_lost: Callable[[Sequence[floa
     return replace(context, stop=watch, on_iteration=watch.on_iteration)
 
 
-def robust_cost(residuals: Matrix, robust: bool) -> float:
-    """Half the sum of squares, or of Huber's function with its corner at HUBER_CORNER."""
-    if not robust:
-        return 0.5 * float(np.vdot(residuals, residuals))
-    size = np.abs(residuals)
-    return float(np.where(size <= HUBER_CORNER, 0.5 * size**2, HUBER_CORNER * (size - 0.5 * HUBER_CORNER)).sum())
-
-
-def robust_weights(residuals: Matrix) -> Matrix:
-    """Square roots of the weights that make Huber's function a weighted sum of squares."""
-    weights: Matrix = np.sqrt(np.minimum(1.0, HUBER_CORNER / np.maximum(np.abs(residuals), 1e-300)))
-    return weights
-
-
-def normal_equations(linear: LinearizedRun, robust: bool) -> NormalEquations:
-    """The normal equations of one run."""
-    jacobian = linear.jacobian.reshape(len(linear.indices), linear.residuals.size)
-    residuals = linear.residuals.ravel()
-    cost = robust_cost(residuals, robust)
-    if robust:
-        weights = robust_weights(residuals)
-        jacobian, residuals = jacobian * weights, residuals * weights
-    return NormalEquations(linear.indices, cost, jacobian @ residuals, jacobian @ jacobian.T)
-
-
-def accumulated(parts: Iterable[NormalEquations], z: Vector, tempering: float) -> QuadraticModel:
-    """Cost, gradient and Hessian of all runs and of the prior, a standard normal one in z; `tempering` as in a Problem."""
-    prior = tempering**2
-    cost, gradient, hessian = 0.5 * prior * float(z @ z), prior * z, prior * np.eye(len(z))
-    for part in parts:
-        cost += part.cost
-        gradient[part.indices] += part.gradient
-        hessian[np.ix_(part.indices, part.indices)] += part.hessian
-    return cost, gradient, hessian
-
-
 def bounded_step(gradient: Vector, hessian: Matrix, damping: float, low: Vector, high: Vector) -> Vector:
     """The step that minimises the damped quadratic model within bounds (low < 0 < high, or equal)."""
     damped = hessian + damping * np.eye(len(gradient))
@@ -127,28 +77,6 @@ def bounded_step(gradient: Vector, hessian: Matrix, damping: float, low: Vector,
     target = -solve_triangular(factor, gradient, trans='T')
     step: Vector = lsq_linear(factor, target, (np.minimum(low, -1e-12), np.maximum(high, 1e-12)), method='bvls').x
     return np.clip(step, low, high)
-
-
-def cost_at(problem: Problem, z: Vector, executor: Executor) -> float:
-    """The cost with the prior; inf where the model cannot be run."""
-    return cost_of(problem, residuals_at(problem, z, executor), z)
-
-
-def cost_of(problem: Problem, by_run: Sequence[Matrix | None], z: Vector) -> float:
-    """The cost of the residuals of all runs and of the prior; inf where a run could not be made."""
-    total = 0.5 * problem.tempering**2 * float(z @ z)
-    for residuals in by_run:
-        if residuals is None:
-            return np.inf
-        total += robust_cost(residuals, problem.robust)
-    return total
-
-
-def normal_parts(
-    problem: Problem, z: Vector, executor: Executor, steps: Vector | None = None, central: bool = False
-) -> Iterator[NormalEquations]:
-    """The normal equations of every run at z, one after the other."""
-    return (normal_equations(run, problem.robust) for run in linearized_in_turn(problem, z, executor, steps, central))
 
 
 def minimize(problem: Problem, z: Vector, criteria: StopCriteria, context: SearchContext, label: str = '') -> FitResult:
@@ -233,11 +161,6 @@ def is_too_slow(costs: Sequence[float], target: float) -> bool:
     return costs[-1] - target > left * (costs[-1 - PACE_STEPS] - costs[-1])
 
 
-def quadratic_model(problem: Problem, linear: Iterable[LinearizedRun], z: Vector) -> QuadraticModel:
-    """Cost, gradient and Hessian at z from linearised runs."""
-    return accumulated((normal_equations(run, problem.robust) for run in linear), z, problem.tempering)
-
-
 def secant_update(run: LinearizedRun, step: Vector, shown: Matrix, taken: bool) -> LinearizedRun:
     """A run's derivatives with the least change by which they agree with a step; its residuals after it, if it is taken."""
     own = step[run.indices]
@@ -295,11 +218,3 @@ def damped_step(
             return step, gained, damping / 10.0 if gained > 0.5 * expected else damping
         damping *= DAMPING_INCREASE
     return np.zeros_like(z), 0.0, damping
-
-
-def feasible(problem: Problem, z: Vector, executor: Executor) -> bool:
-    """Whether every run can be made at z."""
-    try:
-        return bool(np.isfinite(cost_at(problem, z, executor)))
-    except SimulationError:
-        return False

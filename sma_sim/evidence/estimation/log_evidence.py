@@ -16,8 +16,8 @@ from math import exp, log
 import numpy as np
 
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.levenberg_marquardt import accumulated, normal_parts
 from sma_sim.evidence.estimation.overdispersion import overdispersion
+from sma_sim.evidence.estimation.problem import accumulated, normal_parts
 
 DECISIVE = 5.0  # log odds: posterior odds of 150 to 1
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, FreeParameter, declared_parameters
-from sma_sim.evidence.estimation.levenberg_marquardt import normal_parts
+from sma_sim.evidence.estimation.problem import normal_parts
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95, Uncertainty
 from sma_sim.model.config import Config

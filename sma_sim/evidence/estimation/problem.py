@@ -1,8 +1,12 @@
-"""The least-squares problem of a fit: its unknowns, its residuals, their derivatives by differences."""
+"""The least-squares problem of a fit: its unknowns, and at a point its residuals, cost, derivatives and normal equations.
+
+The Jacobian of thirty runs would not fit into memory at once: each run's part is added to the normal equations as it
+arrives. The prior, one in every coordinate, keeps them well conditioned.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 from math import isnan, nan
@@ -20,6 +24,7 @@ from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
+QuadraticModel = tuple[float, Vector, Matrix]  # cost, gradient, Gauss-Newton Hessian
 DEFAULT_STEP = 0.02  # of differences, in standard deviations of the priors
 AMBIENT_STEP = 0.1  # of differences in an ambient temperature, in standard deviations of its prior
 DELAY = FreeParameter('delay', 0.0, 0.05, -10.0, 100.0, False, 's')
@@ -334,3 +339,87 @@ def start_point(problem: Problem, guess: Vector | None = None) -> Vector:
     """A point at the middle of the priors, within the bounds."""
     low, high = problem.limits()
     return np.clip(np.zeros(len(low)) if guess is None else guess, low, high)
+
+
+@dataclass(frozen=True)
+class NormalEquations:
+    """One run's part of the normal equations: cost (half the sum of squares), gradient, Gauss-Newton Hessian.
+
+    `indices`: where the run's unknowns are in z.
+    """
+
+    indices: NDArray[np.int64]
+    cost: float
+    gradient: Vector
+    hessian: Matrix
+
+
+def robust_cost(residuals: Matrix, robust: bool) -> float:
+    """Half the sum of squares, or of Huber's function with its corner at HUBER_CORNER."""
+    if not robust:
+        return 0.5 * float(np.vdot(residuals, residuals))
+    size = np.abs(residuals)
+    return float(np.where(size <= HUBER_CORNER, 0.5 * size**2, HUBER_CORNER * (size - 0.5 * HUBER_CORNER)).sum())
+
+
+def robust_weights(residuals: Matrix) -> Matrix:
+    """Square roots of the weights that make Huber's function a weighted sum of squares."""
+    weights: Matrix = np.sqrt(np.minimum(1.0, HUBER_CORNER / np.maximum(np.abs(residuals), 1e-300)))
+    return weights
+
+
+def normal_equations(linear: LinearizedRun, robust: bool) -> NormalEquations:
+    """The normal equations of one run."""
+    jacobian = linear.jacobian.reshape(len(linear.indices), linear.residuals.size)
+    residuals = linear.residuals.ravel()
+    cost = robust_cost(residuals, robust)
+    if robust:
+        weights = robust_weights(residuals)
+        jacobian, residuals = jacobian * weights, residuals * weights
+    return NormalEquations(linear.indices, cost, jacobian @ residuals, jacobian @ jacobian.T)
+
+
+def accumulated(parts: Iterable[NormalEquations], z: Vector, tempering: float) -> QuadraticModel:
+    """Cost, gradient and Hessian of all runs and of the prior, a standard normal one in z; `tempering` as in a Problem."""
+    prior = tempering**2
+    cost, gradient, hessian = 0.5 * prior * float(z @ z), prior * z, prior * np.eye(len(z))
+    for part in parts:
+        cost += part.cost
+        gradient[part.indices] += part.gradient
+        hessian[np.ix_(part.indices, part.indices)] += part.hessian
+    return cost, gradient, hessian
+
+
+def cost_at(problem: Problem, z: Vector, executor: Executor) -> float:
+    """The cost with the prior; inf where the model cannot be run."""
+    return cost_of(problem, residuals_at(problem, z, executor), z)
+
+
+def cost_of(problem: Problem, by_run: Sequence[Matrix | None], z: Vector) -> float:
+    """The cost of the residuals of all runs and of the prior; inf where a run could not be made."""
+    total = 0.5 * problem.tempering**2 * float(z @ z)
+    for residuals in by_run:
+        if residuals is None:
+            return np.inf
+        total += robust_cost(residuals, problem.robust)
+    return total
+
+
+def normal_parts(
+    problem: Problem, z: Vector, executor: Executor, steps: Vector | None = None, central: bool = False
+) -> Iterator[NormalEquations]:
+    """The normal equations of every run at z, one after the other."""
+    return (normal_equations(run, problem.robust) for run in linearized_in_turn(problem, z, executor, steps, central))
+
+
+def quadratic_model(problem: Problem, linear: Iterable[LinearizedRun], z: Vector) -> QuadraticModel:
+    """Cost, gradient and Hessian at z from linearised runs."""
+    return accumulated((normal_equations(run, problem.robust) for run in linear), z, problem.tempering)
+
+
+def feasible(problem: Problem, z: Vector, executor: Executor) -> bool:
+    """Whether every run can be made at z."""
+    try:
+        return bool(np.isfinite(cost_at(problem, z, executor)))
+    except SimulationError:
+        return False

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.chi_square import chi_square_tail
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, FreeParameter
-from sma_sim.evidence.estimation.levenberg_marquardt import normal_equations, robust_weights
-from sma_sim.evidence.estimation.problem import LinearizedRun, Problem
+from sma_sim.evidence.estimation.problem import LinearizedRun, Problem, normal_equations, robust_weights
 from sma_sim.evidence.estimation.residuals import FitData
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95, channel_overdispersion
 

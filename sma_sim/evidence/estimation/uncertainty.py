@@ -21,21 +21,19 @@ from scipy.linalg import qr
 from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.evidence.estimation.fit_result import OtherStart
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, FreeParameter
-from sma_sim.evidence.estimation.levenberg_marquardt import (
-    NormalEquations,
-    accumulated,
-    cost_of,
-    measured_steps,
-    normal_equations,
-    robust_weights,
-)
+from sma_sim.evidence.estimation.levenberg_marquardt import measured_steps
 from sma_sim.evidence.estimation.overdispersion import autocorrelation_time
 from sma_sim.evidence.estimation.problem import (
     EvaluationTask,
     LinearizedRun,
+    NormalEquations,
     Problem,
+    accumulated,
+    cost_of,
     evaluate,
     linearized_in_turn,
+    normal_equations,
+    robust_weights,
 )
 from sma_sim.evidence.estimation.residuals import FitData
 from sma_sim.model.covariance import ParameterCovariance

@@ -24,10 +24,9 @@ from scipy.special import log_ndtr
 
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import declared_parameters
-from sma_sim.evidence.estimation.levenberg_marquardt import NormalEquations, normal_equations
 from sma_sim.evidence.estimation.overdispersion import autocorrelation_time
 from sma_sim.evidence.estimation.plausibility import realistic_range
-from sma_sim.evidence.estimation.problem import LinearizedRun, Problem, linearize
+from sma_sim.evidence.estimation.problem import LinearizedRun, NormalEquations, Problem, linearize, normal_equations
 from sma_sim.evidence.estimation.search_context import SearchContext
 
 Vector = NDArray[np.float64]

@@ -11,7 +11,7 @@ import numpy as np
 
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import FreeParameter
-from sma_sim.evidence.estimation.levenberg_marquardt import accumulated, normal_parts
+from sma_sim.evidence.estimation.problem import accumulated, normal_parts
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.refit import is_plausible_fit
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult

@@ -25,8 +25,16 @@ from sma_sim.evidence.data.recordings import NEGLIGIBLE_FRACTION, value_range
 from sma_sim.evidence.estimation.calibrate import SEARCH_SAMPLES, FitOptions, full_problem, problem_for
 from sma_sim.evidence.estimation.executors import run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.levenberg_marquardt import accumulated, bounded_step, normal_equations
-from sma_sim.evidence.estimation.problem import LinearizedRun, Problem, linearize, residuals_at, start_point
+from sma_sim.evidence.estimation.levenberg_marquardt import bounded_step
+from sma_sim.evidence.estimation.problem import (
+    LinearizedRun,
+    Problem,
+    accumulated,
+    linearize,
+    normal_equations,
+    residuals_at,
+    start_point,
+)
 from sma_sim.evidence.estimation.recording_differences import with_differences
 from sma_sim.evidence.estimation.residuals import FitData, simulated
 from sma_sim.evidence.estimation.run_subset import chosen_runs
