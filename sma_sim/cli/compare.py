@@ -17,7 +17,6 @@ from sma_sim.cli.common.data import (
     provenance_of,
     read_data,
     system_words,
-    table_text,
     write_json,
 )
 from sma_sim.cli.common.idle_effects import noted
@@ -29,6 +28,7 @@ from sma_sim.evidence.residual_analysis.paired_comparison import ErrorChange, er
 from sma_sim.evidence.residual_analysis.summary import Summary, summarize
 from sma_sim.model.config import Config, read_config
 from sma_sim.model.errors import UserError
+from sma_sim.model.shown import text_table
 from sma_sim.report.html.comparison_page import write_compare_page
 from sma_sim.words.comparison import comparison_result, spread_sentence
 
@@ -102,7 +102,7 @@ def compare_text(summaries: Sequence[Summary], pairs: Sequence[ErrorChange]) -> 
         lines += [
             f'Compared {name} with the recordings; delay {delay:.3g} ms.',
             '',
-            table_text(SCORE_HEADER, channel_rows(summary)),
+            text_table(SCORE_HEADER, channel_rows(summary)),
             '',
             *finding_lines(summary),
             '',

@@ -20,7 +20,6 @@ from sma_sim.cli.common.data import (
     provenance_of,
     read_data,
     system_words,
-    table_text,
     write_json,
 )
 from sma_sim.cli.common.options import (
@@ -33,6 +32,7 @@ from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, calib
 from sma_sim.evidence.estimation.held_out_prediction import RunFit
 from sma_sim.evidence.estimation.search_context import iteration_words
 from sma_sim.model.progress import ProgressLine
+from sma_sim.model.shown import text_table
 from sma_sim.words.fit_remarks import remarks_on
 from sma_sim.workflow.fit import reviewed_fit, write_fitted
 from sma_sim.workflow.parameter_sheet import check_sheet, write_sheet
@@ -119,23 +119,12 @@ def fit_text(found: Calibration, predicted: Sequence[RunFit]) -> str:
         + (', stopped: the best so far' if found.interrupted else '')
         + '.',
         '',
-        table_text(('parameter', 'value', '95 % interval', 'unit'), parameter_rows(found)),
+        found.table(),
         '',
-        table_text(('normalized RMSE', *found.channel_errors, 'all'), error_rows(found, predicted)),
+        text_table(('normalized RMSE', *found.channel_errors, 'all'), error_rows(found, predicted)),
     ]
     remarks = remarks_on(found)
     return '\n'.join([*lines, *([''] if remarks else []), *remarks])
-
-
-def parameter_rows(found: Calibration) -> list[tuple[str, str, str, str]]:
-    """Name, value, interval, unit."""
-    intervals = {interval.name: interval for interval in found.uncertainty.intervals} if found.uncertainty else {}
-    rows = []
-    for parameter in found.free:
-        known = intervals.get(parameter.name)
-        text = '' if known is None else f'{known.low:.5g} to {known.high:.5g}' if known.seen else 'not determined'
-        rows.append((parameter.name, f'{found.values[parameter.name]:.5g}', text, parameter.unit))
-    return rows
 
 
 def error_rows(found: Calibration, predicted: Sequence[RunFit]) -> list[tuple[str, ...]]:

@@ -18,12 +18,12 @@ from sma_sim.cli.common.data import (
     read_data,
     report_path,
     system_words,
-    table_text,
     write_json,
 )
 from sma_sim.cli.common.options import add_config_options, announce_first_compilation, config_from
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.latent_input.latent_search import LatentRequest, estimate_latent_inputs
+from sma_sim.model.shown import text_table
 from sma_sim.report.html.latent_page import write_latent_page
 from sma_sim.words.latent_input import RANKING_HEADER, latent_data, ranking_rows, verdict_sentences
 
@@ -57,6 +57,6 @@ def run(arguments: argparse.Namespace) -> int:
         write_latent_page(arguments.report, found, *hold_out_last(training, held_out), made)
     print(*verdict_sentences(found), sep='\n')
     if found.findings:
-        print(table_text(RANKING_HEADER, ranking_rows(found)))
+        print(text_table(RANKING_HEADER, ranking_rows(found)))
     print_written(arguments.report, arguments.json)
     return EXIT_INTERRUPTED if found.interrupted else 0

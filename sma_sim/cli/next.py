@@ -19,7 +19,6 @@ from sma_sim.cli.common.data import (
     provenance_of,
     read_data,
     system_words,
-    table_text,
     write_json,
 )
 from sma_sim.cli.common.options import add_config_options, announce_first_compilation, config_from
@@ -31,6 +30,7 @@ from sma_sim.evidence.experiment_design.plan import DesignRequest, Plan
 from sma_sim.evidence.experiment_design.sequences import as_rows
 from sma_sim.model.errors import UserError
 from sma_sim.model.given import effect_folders_of
+from sma_sim.model.shown import text_table
 from sma_sim.report.html.design_page import write_design_page
 from sma_sim.words.experiment_design import channels_sentence, indistinguishable_sentences, plan_data
 
@@ -135,7 +135,7 @@ def plan_text(plan: Plan, asked: Collection[str]) -> Iterator[str]:
         'temperature': (plan.reached['temperature'], plan.limits.temperature, 'K'),
         'stress': (1e-6 * plan.reached['stress'], 1e-6 * plan.limits.stress, 'MPa'),
     }
-    yield table_text(
+    yield text_table(
         ('under every hypothesis and draw', 'reached', 'limit', 'unit', 'limit from'),
         [(name, f'{x:.4g}', f'{most:.4g}', unit, plan.limits_from[name]) for name, (x, most, unit) in reached.items()],
     )
@@ -151,7 +151,7 @@ def channels_text(plan: Plan) -> Iterator[str]:
         return
     tells = 'expected log evidence ratio, at least' if plan.discriminates else 'information [nat]'
     yield ''
-    yield table_text(
+    yield text_table(
         ('one sensor more in the recordings', 'noise', tells),
         [
             (
@@ -168,7 +168,7 @@ def channels_text(plan: Plan) -> Iterator[str]:
 def rival_text(plan: Plan) -> Iterator[str]:
     """What the recordings say of the rivals, and what the experiment is expected to say."""
     best = max(hypothesis.log_evidence for hypothesis in plan.hypotheses)
-    yield table_text(
+    yield text_table(
         ('explanation', 'kinetics', 'normalized RMSE', 'log evidence behind the best'),
         [
             (
@@ -181,7 +181,7 @@ def rival_text(plan: Plan) -> Iterator[str]:
         ],
     )
     yield ''
-    yield table_text(
+    yield text_table(
         ('expected log evidence ratio if true', 'against', 'designed', 'default', 'times'),
         [
             (
@@ -204,7 +204,7 @@ def times_text(designed: float, default: float) -> str:
 
 def precision_text(plan: Plan, asked: Collection[str]) -> Iterator[str]:
     """How well parameters will be known; those `asked` for that a default sequence would tell better, and why."""
-    yield table_text(
+    yield text_table(
         ('standard deviation of', 'now', 'after a default', 'after the design', 'unit'),
         [(p.name, *(f'{x:.3g}' for x in (p.now, p.default, p.designed)), p.shown_unit) for p in plan.precision],
     )

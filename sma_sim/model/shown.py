@@ -25,11 +25,17 @@ class Shown:
         return f'<table><caption>{escape(type(self).__name__)}</caption>{"".join(rows)}</table>'
 
 
-def listed(names: Iterable[str]) -> str:
+def listed(names: Iterable[str], most: int = MAX_LIST) -> str:
     """Names in words, of very many the first."""
     given = list(names)
-    more = f' and {len(given) - MAX_LIST} more' if len(given) > MAX_LIST else ''
-    return (', '.join(given[:MAX_LIST]) or 'none') + more
+    more = f' and {len(given) - most} more' if len(given) > most else ''
+    return (', '.join(given[:most]) or 'none') + more
+
+
+def joined_words(words: Sequence[str], link: str = 'and') -> str:
+    """`a, b and c`."""
+    *first, last = words or ['']
+    return f'{", ".join(first)} {link} {last}' if first else last
 
 
 def text_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

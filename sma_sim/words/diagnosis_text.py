@@ -14,6 +14,7 @@ from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.search.steps import CandidateFit
 from sma_sim.evidence.set_up.check import is_uncertain
 from sma_sim.model.parameters import Parameter
+from sma_sim.model.shown import joined_words
 from sma_sim.words.diagnosis_data import above_first, amounts, models, probabilities
 from sma_sim.words.fit_remarks import agreement_sentence, implausible_sentence, misfit_sentence, other_minima
 from sma_sim.words.nuisances import nuisance_sentences
@@ -354,9 +355,3 @@ def phrase_of(name: str, diagnosis: Diagnosis) -> str:
     fits = [candidate for step in diagnosis.selection_steps for candidate in step.candidate_fits]
     effects = {candidate.name: candidate.found.effect for candidate in fits}
     return effects[name].phrase if name in effects else name.replace('_', ' ')
-
-
-def joined_words(words: Sequence[str], link: str = 'and') -> str:
-    """`a, b and c`."""
-    *first, last = words or ['']
-    return f'{", ".join(first)} {link} {last}' if first else last

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from sma_sim.evidence.data.recording import Dataset
+from sma_sim.model.shown import listed
 
 MAX_NAMES = 3
 
@@ -16,10 +17,4 @@ def grouped_notes(datasets: Sequence[Dataset]) -> list[str]:
         for note in recording.notes:
             names.setdefault(note, []).append(recording.name)
     common = dict.fromkeys(note for dataset in datasets for note in dataset.notes)
-    return [*(f'{abbreviated_list(found)}: {note}' for note, found in names.items()), *common]
-
-
-def abbreviated_list(names: Sequence[str]) -> str:
-    """A few names, and how many more."""
-    more = f' and {len(names) - MAX_NAMES} more' if len(names) > MAX_NAMES else ''
-    return ', '.join(names[:MAX_NAMES]) + more
+    return [*(f'{listed(found, MAX_NAMES)}: {note}' for note, found in names.items()), *common]

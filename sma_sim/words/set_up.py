@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from sma_sim.evidence.set_up.faults import Fault, joined
+from sma_sim.evidence.set_up.faults import Fault
+from sma_sim.model.shown import joined_words
 
 
 def set_up_sentences(faults: Sequence[Fault]) -> Iterator[str]:
@@ -44,7 +45,7 @@ def phrases(faults: Sequence[Fault]) -> str:
     """Several faults in a clause; those of one kind together."""
     signs = tuple(name for fault in faults if fault.kind == 'sign' for name in fault.quantities)
     together = [*(fault for fault in faults if fault.kind != 'sign'), *([Fault('sign', signs)] if signs else [])]
-    return joined([fault.phrase for fault in together]) + faults[0].where
+    return joined_words([fault.phrase for fault in together]) + faults[0].where
 
 
 def fault_data(fault: Fault) -> dict[str, object]:

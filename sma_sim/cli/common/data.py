@@ -182,14 +182,3 @@ def chosen_executor(arguments: argparse.Namespace) -> Iterator[Executor]:
     """The cluster of ``--scheduler``, or all cores of this machine. Raises UserError."""
     with dask_executor(arguments.scheduler) if arguments.scheduler else executor_or_threads(None) as executor:
         yield executor
-
-
-def table_text(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table for the terminal: the first column to the left, the others to the right."""
-    widths = [max(len(row[k]) for row in [header, *rows]) for k in range(len(header))]
-
-    def line(row: Sequence[str]) -> str:
-        cells = [cell.rjust(width) for cell, width in zip(row, widths, strict=True)]
-        return '  '.join([row[0].ljust(widths[0]), *cells[1:]]).rstrip()
-
-    return '\n'.join(line(row) for row in [header, *rows])

@@ -14,8 +14,9 @@ import yaml
 from sma_sim.evidence.data.cells import Vector
 from sma_sim.evidence.data.imposed import without_noise
 from sma_sim.evidence.data.table_format import is_number
-from sma_sim.evidence.data.tables import listed
+from sma_sim.evidence.data.tables import MAX_NAMES
 from sma_sim.model.errors import UserError
+from sma_sim.model.shown import listed
 
 ENTRY_KEYS = ('column', 'value', 'scale', 'offset', 'exponent', 'zero_std', 'drift_std', 'floor')
 POSITIVE_KEYS = ENTRY_KEYS[4:]
@@ -264,7 +265,7 @@ def column_origins(path: Path, mapping: ColumnMap, names: Sequence[str], present
             hint = f' (meant {close[0]}?)' if close else ''
             raise UserError(
                 f'{path} has no column {missing[0]}{hint}, which the map {mapping.path} names for {name}; '
-                f'its columns are {listed(present)}'
+                f'its columns are {listed(present, MAX_NAMES)}'
             )
     return found
 

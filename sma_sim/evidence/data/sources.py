@@ -21,8 +21,9 @@ from sma_sim.evidence.data.rosbag.commands import CommandLimits
 from sma_sim.evidence.data.rosbag.raw_messages import is_bag, open_bag
 from sma_sim.evidence.data.rosbag.reader import read_bag
 from sma_sim.evidence.data.table_format import TableFormat, cells_of_line, is_number, table_format
-from sma_sim.evidence.data.tables import listed
+from sma_sim.evidence.data.tables import MAX_NAMES
 from sma_sim.model.errors import UserError
+from sma_sim.model.shown import listed
 from sma_sim.model.structures.discovery import known_structures
 from sma_sim.model.structures.structure import shared_temperature
 
@@ -117,7 +118,7 @@ def read_csv_source(path: Path, system: str, mapping: ColumnMap) -> tuple[Column
     notes += ['the last line is incomplete (cut, or without a line end): dropped'] if cut else []
     unused = [name for name in header if name and name not in needed and not HIDDEN_COLUMN.fullmatch(name)]
     if unused:
-        notes.append(f'columns not used: {listed(unused)}')
+        notes.append(f'columns not used: {listed(unused, MAX_NAMES)}')
     if time is not None and (bits := unwrap_counter(cells[time])):
         notes.append(f'the {bits}-bit counter of time starts again at 0: counted on')
     rows = len(next(iter(cells.values())))
@@ -240,7 +241,7 @@ def check_complete(path: Path, system: str, header: Sequence[str], origins: Mapp
         hint = ' (its first row looks like samples: write the names of the columns above them)'
     if not hint and not header[0]:
         hint = f' (its first column has no name: write {missing[0]} above it if that is what it holds)'
-    columns = listed([name or '(no name)' for name in header])
+    columns = listed((name or '(no name)' for name in header), MAX_NAMES)
     hint = hint or ' (a map, --map, says which column is which)'
     raise UserError(f'{path} has no column {", ".join(missing)}{hint}{more}; its columns are {columns}')
 

@@ -16,6 +16,7 @@ from sma_sim.evidence.data.cells import Vector as Vector
 from sma_sim.evidence.data.foreign_columns import hint_for
 from sma_sim.evidence.data.table_format import table_format
 from sma_sim.model.errors import UserError
+from sma_sim.model.shown import listed
 
 NUMBER_FORMAT = '%.17g'  # reads back to the same double
 ROWS_PER_WRITE = 100_000
@@ -34,7 +35,7 @@ def read_columns(
     missing = [name for name in required if name not in header]
     if missing:
         hint = hint_for(missing[0], header, (*required, *optional, *with_gaps), with_map=False)
-        raise UserError(f'{path} has no column {", ".join(missing)}{hint}; its columns are {listed(header)}')
+        raise UserError(f'{path} has no column {", ".join(missing)}{hint}; its columns are {listed(header, MAX_NAMES)}')
     present = [name for name in (*required, *optional, *with_gaps) if name in header]
     doubled = [name for name in present if header.count(name) > 1]
     if doubled:
@@ -42,12 +43,6 @@ def read_columns(
     indices = [header.index(name) for name in present]
     full = [name for name in present if name not in with_gaps]
     return read_cells(CellLayout(path, present, indices, written, full))[0]
-
-
-def listed(names: Sequence[str]) -> str:
-    """Names in words; of very many the first."""
-    more = f' and {len(names) - MAX_NAMES} more' if len(names) > MAX_NAMES else ''
-    return ', '.join(names[:MAX_NAMES]) + more
 
 
 def read_header(path: Path) -> list[str]:

@@ -227,14 +227,18 @@ class Calibration(Shown, Saved):
         return (*(one.name for one in self.fixed), *unseen, *unmoved)
 
     def summary(self) -> str:
+        """What is to be known, and every parameter with its 95 % interval and unit, as text."""
+        words = [f'{name}: {text}' for name, text in self.facts().items() if name != 'fitted']
+        return '\n'.join([*words, '', self.table()])
+
+    def table(self) -> str:
         """Every parameter with its 95 % interval and unit, as text."""
         rows = []
         for one in self.free:
             known = self.intervals.get(one.name)
             between = '' if known is None else f'{known.low:.5g} to {known.high:.5g}' if known.seen else 'not determined'
             rows.append((one.name, f'{self.values[one.name]:.5g}', between, one.unit))
-        words = [f'{name}: {text}' for name, text in self.facts().items() if name != 'fitted']
-        return '\n'.join([*words, '', text_table(('parameter', 'value', '95 % interval', 'unit'), rows)])
+        return text_table(('parameter', 'value', '95 % interval', 'unit'), rows)
 
     def to_dataframe(self) -> Any:
         """The parameters as a pandas DataFrame: value, ends of the 95 % interval, standard deviation, unit of all four.

@@ -28,6 +28,7 @@ from sma_sim.evidence.residual_analysis.subgroups import (
 )
 from sma_sim.evidence.residual_analysis.wire_states import rate_of_change
 from sma_sim.evidence.residual_analysis.wire_tests import Characterization, characterization
+from sma_sim.model.shown import joined_words
 
 
 @dataclass(frozen=True)
@@ -192,7 +193,7 @@ def finding_text(
     """A finding in words; `offset` is bias over RMSE, `rmse` (SI) that within the region."""
     share, low, high, time = shares
     text = (
-        f'{percent(share)} of the squared error of {channel} arises while {enumeration(words)} '
+        f'{percent(share)} of the squared error of {channel} arises while {joined_words(words)} '
         f'({percent(time)} of the samples); RMSE {in_display_unit(channel, rmse)} there'
     )
     if abs(offset) > MIN_RELATIVE_BIAS:
@@ -210,11 +211,6 @@ def finding_text(
 def confidence_word(certainty: RegionCertainty) -> str:
     """The confidence in a region, in a word."""
     return 'Confident' if certainty.again >= CONFIDENT else 'Likely' if certainty.again >= LIKELY else 'Uncertain'
-
-
-def enumeration(words: Sequence[str]) -> str:
-    """`a`, `a and b`, `a, b and c`."""
-    return words[0] if len(words) == 1 else f'{", ".join(words[:-1])} and {words[-1]}'
 
 
 def percent(part: float) -> str:

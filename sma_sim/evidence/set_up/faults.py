@@ -19,6 +19,7 @@ from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording
 from sma_sim.evidence.data.train_test_split import pooled
 from sma_sim.evidence.estimation.residuals import FitData
 from sma_sim.evidence.model_selection.criteria import CRITERIA
+from sma_sim.model.shown import joined_words
 from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.inputs import Input, inputs_at
 
@@ -91,7 +92,7 @@ class Fault:
     @property
     def where(self) -> str:
         """In which recordings, as the end of a sentence."""
-        return f' in {joined(self.recordings)}' if self.recordings and not self.is_of_runs else ''
+        return f' in {joined_words(self.recordings)}' if self.recordings and not self.is_of_runs else ''
 
     @property
     def is_of_runs(self) -> bool:
@@ -106,7 +107,7 @@ class Fault:
     @property
     def phrase(self) -> str:
         """What is wrong, whichever recordings have it."""
-        names, plural = joined(self.quantities), len(self.quantities) > 1
+        names, plural = joined_words(self.quantities), len(self.quantities) > 1
         if self.kind == 'sign':
             return f'{names} {"have" if plural else "has"} the opposite sign'
         if self.kind == 'swap':
@@ -114,9 +115,9 @@ class Fault:
         if self.kind == 'copied_command':
             return '{} has the command of {}, not its own'.format(*self.recordings)
         if self.kind == 'exchanged_commands' and len(self.recordings) == 2:
-            return f'{joined(self.recordings)} have the command of each other'
+            return f'{joined_words(self.recordings)} have the command of each other'
         if self.kind == 'exchanged_commands':
-            return joined([f'{name} has the command of {other}' for name, other in self.has_command_of.items()])
+            return joined_words([f'{name} has the command of {other}' for name, other in self.has_command_of.items()])
         if self.kind == 'noise':
             size = f'{max(self.factor, 1.0 / self.factor):.2g} times too {"small" if self.factor > 1.0 else "large"}'
             return f'the noise of {names} is stated {size}'
@@ -137,7 +138,7 @@ class Fault:
         """What to change."""
         columns = [column_of(name) for name in self.quantities]
         scaled = (f'{name}: {{column: {name}, scale: {self.multiplier:.9g}}}' for name in columns)
-        files = f' for {joined(self.recordings)}' if self.recordings else ''
+        files = f' for {joined_words(self.recordings)}' if self.recordings else ''
         if self.kind == 'swap':
             return f'in a map (--map){files}: {columns[0]}: {{column: {columns[1]}}}; {columns[1]}: {{column: {columns[0]}}}'
         if self.kind in ('sign', 'unit'):
@@ -286,12 +287,6 @@ def column_of(name: str) -> str:
 def unit_of(name: str) -> str:
     """The unit in the name of a column."""
     return column_of(name).removeprefix(name).removeprefix('_')
-
-
-def joined(names: Sequence[str]) -> str:
-    """`a, b and c`."""
-    *first, last = names
-    return f'{", ".join(first)} and {last}' if first else last
 
 
 def faults_of(structure: Structure, channels: Sequence[str]) -> Iterator[Fault]:
