@@ -11,6 +11,7 @@ from scipy.optimize import least_squares
 from scipy.optimize import minimize as scipy_minimize
 
 from sma_sim.evidence.estimation import levenberg_marquardt, plausibility
+from sma_sim.evidence.estimation import problem as problem_module
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.levenberg_marquardt import (
     CURVATURE,
@@ -93,8 +94,9 @@ def linearize(problem, z, *_):
 @pytest.fixture
 def curves(monkeypatch):
     """Data with noise; the module under test sees these residuals in place of simulations."""
-    monkeypatch.setattr(levenberg_marquardt, 'residuals_at', residuals_at)
-    monkeypatch.setattr(levenberg_marquardt, 'linearized_in_turn', linearize)
+    for module in (levenberg_marquardt, problem_module):
+        monkeypatch.setattr(module, 'residuals_at', residuals_at)
+        monkeypatch.setattr(module, 'linearized_in_turn', linearize)
     random = np.random.default_rng(2)
     truth = np.array([[np.exp(-1.3 * TIMES) + 0.4 * TIMES + c] for c in (0.2, -0.7)])[:, 0]
     return Curves(truth + 0.1 * random.normal(size=(2, len(TIMES))))
