@@ -1,8 +1,8 @@
 """The node `sma_controller`: joint states of a robot in, the command that moves it along a target out.
 
-Times are those of the stamps of joint_states, so that the loop is the same at any real-time factor. Before there is a target
-nothing is heated. Whatever stops it, but SIGKILL or a crash, leaves a command of zero behind, as all programs that command a
-robot do (`ros.command_session`).
+Times are those of the stamps of joint_states, so that the loop is the same at any real-time factor. Before there is a
+target nothing is commanded. Whatever stops it, but SIGKILL or a crash, leaves a command of zero behind, as all programs
+that command a robot do (`ros.command_session`).
 """
 
 from __future__ import annotations

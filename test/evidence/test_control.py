@@ -158,3 +158,9 @@ def test_structures_that_one_command_does_not_move_are_refused(make):
 def test_unknown_coordinate_is_refused():
     with pytest.raises(UserError, match='control.coordinate'):
         Feedforward(Config(settings={'control.coordinate': 'alhpa'}))
+
+
+@pytest.mark.parametrize('measurements', [{}, {'U_y': 0.0}, {'alpha': np.nan}, {'alpha': np.inf}])
+def test_feedback_without_a_finite_coordinate_is_refused(measurements):
+    with pytest.raises(UserError, match='alpha = (nan|inf); expected a finite number'):
+        FeedforwardPI(Config()).step(0.0, measurements, lambda times: 0.0 * times)

@@ -22,7 +22,8 @@ from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.diagnosis.review import reviewed, stage_change
 from sma_sim.evidence.estimation import problem as problem_module
-from sma_sim.evidence.estimation.calibrate import FitOptions, final_fit
+from sma_sim.evidence.estimation.calibrate import FitOptions, final_fit, problem_for
+from sma_sim.evidence.estimation.levenberg_marquardt import start_point
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import candidates_for, with_effect
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
@@ -140,6 +141,19 @@ def test_a_second_look_begins_some_way_from_nothing():
     down = {'g_y': -30.0, 'g_x': -1e-3}
     started = at_finite_step(by_name['gravity'], ScreeningResult(by_name['gravity'], 5.0, down))
     assert started.values['g_y'] == -30.0 and started.values['g_x'] < -1.0 and started.gain == 5.0
+
+
+def test_a_score_test_probes_a_weak_effect_at_its_own_strength():
+    """Its response over the usual step is not ten times that over a tenth."""
+    nominal, found = config('mas'), next(one for one in candidates_for(config('mas')) if one.name == 'thermal_crosstalk')
+    truth, channels = with_effect(nominal, found.found, {'G': 3e-3}), ('alpha', 'U_y')
+    runs = [recording(truth, command(seed, 60.0), 20.0, 1.0, seed=seed, channels=channels) for seed in (1, 2)]
+    dataset = Dataset(tuple(runs), {name: NOISE[name] for name in channels})
+    problem = problem_for(dataset, nominal, FitOptions(free=('beam.E',)), 1)
+    z = start_point(problem)
+    with ThreadPoolExecutor(1) as pool:
+        (result,) = screen(problem, z, [found], pool)
+    assert result.values['G'] == pytest.approx(3e-3, rel=0.1)
 
 
 def cannot_be_made(run):

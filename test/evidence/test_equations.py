@@ -112,6 +112,16 @@ def test_every_term_makes_a_file_that_loads():
             assert all(p.bounds[0] < p.default < p.bounds[1] and p.unit and 'unit' not in p.unit for p in effect.parameters)
 
 
+def test_a_formula_whose_shape_ended_at_its_limit_makes_a_file():
+    """Limits are written to fewer digits than values: they may not pass one by that."""
+    location, slowest = LOCATIONS['moment_alpha'], 1.0 / 29.975
+    (term,) = (one for one in location.terms if one.name == 'oscillation')
+    for frequency, limits in ((slowest, (slowest, 2.0)), (2.0003, (0.1, 2.0003))):
+        fit = TermFit(location, term, (frequency, 0.5), 1e-3, 0.0, (limits, (-6.0, 9.0)))
+        by_name = {p.name: p for p in Formula((fit,)).load().effect.parameters}
+        assert by_name['f'].bounds[0] <= by_name['f'].default <= by_name['f'].bounds[1]
+
+
 def test_a_formula_of_several_terms_keeps_their_names_apart():
     terms = [fit_of('moment_alpha', name, 1e-3) for name in ('hinge_leaking', 'hinge_relaxing', 'alpha_well')]
     effect = Formula(tuple(terms)).load().effect

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from scipy.stats import multivariate_normal, norm, truncnorm
+from scipy.stats import multivariate_normal
 from simulated_data import NOISE, command, config, recording
 
 from sma_sim import Dataset, FitOptions, Input, find_effects, read_config
@@ -37,9 +37,7 @@ from sma_sim.evidence.search.score import (
     UNLISTED,
     Evidence,
     evidence_of,
-    log_probability_inside,
     prior_of_values,
-    truncated,
     unlisted_evidence,
 )
 
@@ -156,21 +154,6 @@ def test_a_constant_is_no_unknown():
     expected = multivariate_normal(np.zeros(len(a)), np.eye(len(a)) + J @ J.T).logpdf(a) + 0.5 * len(a) * log(2.0 * np.pi)
     found = replace(problem.evidence(z), low=low, high=high)
     assert found.score(1.0) == pytest.approx(expected - 0.5 * z[0] ** 2, rel=1e-10)
-
-
-def test_probability_within_bounds():
-    """Of correlated deviates, against the distribution itself; far out in the tails without a loss of digits."""
-    covariance = np.array([[1.0, 0.5, 0.2], [0.5, 2.0, -0.3], [0.2, -0.3, 0.5]])
-    for low, high in (([-1.0, -2.0, 0.1], [0.5, inf, 2.0]), ([0.5, -inf, -inf], [inf, -0.2, inf])):
-        exact = multivariate_normal(np.zeros(3), covariance).cdf(high, lower_limit=low)
-        assert log_probability_inside(np.array(low), np.array(high), covariance) == pytest.approx(log(exact), abs=0.05)
-    for a in (5.0, 40.0):
-        alone = log_probability_inside(np.array([a, -1.0]), np.array([inf, inf]), np.eye(2))
-        assert alone == pytest.approx(norm.logsf(a) + norm.logcdf(1.0), rel=1e-9)
-    inside, mean, variance = truncated(-0.3, 1.2)
-    exact = truncnorm(-0.3, 1.2)
-    assert (exp(inside), mean, variance) == pytest.approx((norm.cdf(1.2) - norm.cdf(-0.3), exact.mean(), exact.var()))
-    assert truncated(-1.2, 0.3) == pytest.approx((inside, -mean, variance))
 
 
 def test_a_channel_that_is_there_twice_with_half_the_weight_says_the_same():
@@ -469,3 +452,16 @@ def test_a_level_ends_where_the_best_of_all_leaves_nothing(monkeypatch, squares,
     monkeypatch.setattr(beam, 'expand', expand)
     beam.expand_level(2, book, SimpleNamespace(stop=Event()))
     assert extended == expected
+
+
+@pytest.mark.parametrize('k', [1.0, 3.0])
+def test_a_promise_counts_until_a_fit_has_gone_on_to_the_end(k):
+    """What derivatives still promise there is no evidence; where a fit has ended at its optimum they promise nothing."""
+    problem = LinearProblem()
+    for away in (0.0, 1.0):
+        found = problem.evidence(problem.best(k, range(3)) + away)
+        fit = SimpleNamespace(problem=SimpleNamespace(tempering=k))
+        open_one, ended = Model((), fit, found), Model((), fit, found, is_settled=True)
+        assert open_one.score(k) == found.score(k)
+        taken = open_one.score(k) - ended.score(k)
+        assert taken == pytest.approx(found.gain(k), abs=1e-9) and (taken > 0.1) == (away > 0.0)

@@ -12,6 +12,7 @@ from sma_sim.evidence.control.pi import PI
 from sma_sim.evidence.control.plan import Planner, Target
 from sma_sim.evidence.state_estimation.estimate import RobotState
 from sma_sim.model.config import Config
+from sma_sim.model.errors import UserError
 from sma_sim.model.expected import expect
 from sma_sim.solver.columns import sample_columns
 from sma_sim.solver.fixed_rate import FixedRateRun
@@ -145,15 +146,20 @@ class FeedforwardPI:
 
         Raises
         ------
+        UserError
+            Where the measured coordinate is missing or not finite.
         SimulationError
             Where the model cannot follow under any command.
         """
+        measured = measurements.get(self.coordinate, math.nan)
+        if not math.isfinite(measured):
+            raise UserError(f'measurements: {self.coordinate} = {measured}; expected a finite number')
         if math.isnan(self._begin):
             self._begin = self._before = time
         begin, model = self._begin, self.feedforward
         while begin + model.time <= time + EARLY:
             self._shown = model.value
             self._J_eq = model.step(lambda times: target(begin + times))
-        error, lasted = self._shown - measurements[self.coordinate], time - self._before
+        error, lasted = self._shown - measured, time - self._before
         self._before = time
         return max(self._law(error, lasted, self._J_eq), self._lowest)

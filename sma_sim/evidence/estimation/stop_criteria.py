@@ -33,7 +33,7 @@ NOMINAL_MODEL = replace(FROM_PRIORS, max_iterations=12, relative_decrease=1e-3)
 # With a new effect, from the fit without it.
 ADDED_EFFECT = StopCriteria(max_iterations=12, damping=10.0, min_decrease=0.3, relative_decrease=1e-3, central=False)
 # A model that has weight, whose score is compared to a nat: to the end.
-SETTLED = replace(ADDED_EFFECT, damping=1.0, relative_decrease=0.0, secant=True)
+SETTLED = replace(ADDED_EFFECT, max_iterations=60, relative_decrease=0.0)
 # A tempered likelihood, whose weights change from stage to stage.
 TEMPERED = StopCriteria(max_iterations=15, damping=1.0, min_decrease=0.01, relative_decrease=3e-3, central=False)
 # The reported fit, on all samples.

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -21,6 +21,7 @@ from sma_sim.evidence.model_selection.candidates import Candidate, Probe, at_ins
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 
 Vector = NDArray[np.float64]
+WEAK = 0.5  # of a step, below which a strength is probed again: a response over it is no longer the slope
 
 
 @dataclass(frozen=True)
@@ -47,25 +48,48 @@ def screen(problem: Problem, z: Vector, candidates: Sequence[Candidate], pool: E
     if any(instants_of(candidate.found) for candidate in candidates):
         instants = change_points(problem, linear)
         candidates = [at_instants(candidate, instants) for candidate in candidates]
-    responses = probe_all(problem, z, candidates, linear, pool)
     project = Projection(linear, len(z), problem.tempering)
-    found = []
-    for candidate in candidates:
-        best: tuple[float, Mapping[str, float]] = (0.0, {})
-        for family in candidate.families:
-            projected = [
-                projected_response(probe, response, project)
-                for probe in family
-                if (response := responses.get(id(probe))) is not None
-            ]
-            visible = [response for response in projected if response is not None]
-            if visible:
-                gain, amounts = explained(visible, residuals)
-                if gain > best[0]:
-                    best = gain, values_at(visible, amounts)
-        if best[0] > 0.0:
-            found.append(ScreeningResult(candidate, best[0], best[1]))
-    return tuple(sorted(found, key=lambda result: -result.gain))
+
+    def tested(some: Sequence[Candidate]) -> list[ScreeningResult]:
+        responses = probe_all(problem, z, some, linear, pool)
+        return [score_test(candidate, responses, project, residuals) for candidate in some]
+
+    found = tested(candidates)
+    weak = {k: Candidate(one.candidate.found, (family,)) for k, one in enumerate(found) if (family := nearer_probes(one))}
+    for k, again in zip(weak, tested(list(weak.values())), strict=True):
+        if again.gain > found[k].gain:
+            found[k] = replace(again, candidate=found[k].candidate)
+    return tuple(sorted((one for one in found if one.gain > 0.0), key=lambda result: -result.gain))
+
+
+def score_test(
+    candidate: Candidate, responses: Mapping[int, Vector], project: Projection, residuals: Vector
+) -> ScreeningResult:
+    """What the best family of a candidate's probes could explain; nothing where the channels cannot see it."""
+    best = ScreeningResult(candidate, 0.0, {})
+    for family in candidate.families:
+        projected = [
+            projected_response(probe, response, project)
+            for probe in family
+            if (response := responses.get(id(probe))) is not None
+        ]
+        visible = [response for response in projected if response is not None]
+        if visible:
+            gain, amounts = explained(visible, residuals)
+            if gain > best.gain:
+                best = ScreeningResult(candidate, gain, values_at(visible, amounts))
+    return best
+
+
+def nearer_probes(result: ScreeningResult) -> tuple[Probe, ...]:
+    """Probes at the strengths that a test has found, where these are far less than those that it probed: what is linear
+    there need not be linear as far as that."""
+    probes = {probe.parameter: probe for family in result.candidate.families for probe in family}
+    shape = {name: value for name, value in result.values.items() if name not in probes}
+    steps = {name: result.values[name] - probe.neutral for name, probe in probes.items() if name in result.values}
+    if any(abs(step) > WEAK * abs(probes[name].step) for name, step in steps.items()):
+        return ()
+    return tuple(Probe(name, probes[name].neutral, step, shape) for name, step in steps.items() if step)
 
 
 def change_points(problem: Problem, linear: Sequence[LinearizedRun]) -> list[float]:

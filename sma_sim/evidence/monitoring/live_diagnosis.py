@@ -228,7 +228,7 @@ class LiveDiagnosis:
         self._model, self._probes = self._track.base, dict[tuple[str, str, float], Model]()
 
     def _tracked(self, z: Vector) -> Track:
-        """The model at coordinates z (P,), before it has begun."""
+        """A track of the model with the parameters at coordinates z (P,), not started yet."""
         points = [z, *(z + PARAMETER_STEP * np.eye(len(z)))]
         base, *moved = (Model(configured(self._nominal, self._free, one)) for one in points)
         return Track(base, Model(self._nominal), moved, PARAMETER_STEP, self._noise)

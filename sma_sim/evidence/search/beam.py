@@ -123,7 +123,8 @@ def expand_level(size: int, book: Book, context: SearchContext) -> None:
 
 
 def settle(book: Book, context: SearchContext) -> None:
-    """Fit the models that have weight where they are best under the overdispersion: until then all were fitted without."""
+    """Fit the models that have weight where they are best under the overdispersion: until then all were fitted without, and
+    not all to the end."""
     k, done = book.overdispersion, set[tuple[frozenset[str], str]]()
     while not context.stop.is_set():
         ranked = book.ranked()
@@ -131,9 +132,7 @@ def settle(book: Book, context: SearchContext) -> None:
         if not open_ones:
             return
         done.add(open_ones[0].key)
-        found = settled(open_ones[0], k, context)
-        if found is not open_ones[0]:
-            book.replace(open_ones[0], found)
+        book.replace(open_ones[0], settled(open_ones[0], k, context))
 
 
 def bare(book: Book) -> Model:
@@ -155,7 +154,8 @@ def stripped(model: Model, replaced: Sequence[Component]) -> Model:
 
 def add_equations(base: Model, book: Book, context: SearchContext) -> None:
     """Terms of an equation beside the components of a model; then others in place of the best of them, proposed where that
-    has led, as long as they explain more; then a second one at its place where the best model lacks something."""
+    has led, as long as they explain more; then a second one at its place where the best model lacks something; then listed
+    effects in place of what was found: an equation may have led to where one of them lies."""
     leads, lead = list[Model](), None
     for _ in range(1 + ROUNDS):
         if context.stop.is_set():
@@ -170,6 +170,9 @@ def add_equations(base: Model, book: Book, context: SearchContext) -> None:
         base = stripped(lead, lead.components[-1:])
     if lead is not None and not lead.leaves_nothing and book.best.lacks_unlisted and not context.stop.is_set():
         add_extended(lead, components_of(propose.terms(lead.fit, context, lead.components[-1])), book, context)
+    for component in book.best.components:
+        if component.is_formula:
+            exchange(book.best, component, book, context)
 
 
 def best_of(models: Sequence[Model], book: Book) -> Model | None:

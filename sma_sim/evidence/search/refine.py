@@ -40,13 +40,15 @@ WINDOW = 10.0  # nats behind the best beyond which a model has no weight (Occam'
 
 @dataclass(frozen=True)
 class Model:
-    """A set of components, fitted: with what its score needs, and how many of its starts led to the same optimum."""
+    """A set of components, fitted: with what its score needs, how many of its starts led to the same optimum, and whether
+    its fit has gone on to the end."""
 
     components: tuple[Component, ...]
     fit: FitResult
     evidence: Evidence
     starts: int = 1
     agreeing: int = 1
+    is_settled: bool = False
 
     @property
     def names(self) -> frozenset[str]:
@@ -75,8 +77,13 @@ class Model:
         return self.unlisted > 0.5
 
     def score(self, k: float, left_out: int | None = None) -> float:
-        """The log posterior under an overdispersion k; without one run, if any."""
-        return self.evidence.score(k, left_out)
+        """The log posterior under an overdispersion k; without one run, if any.
+
+        Evidence counts the optimum for k to second order. What derivatives promise beyond where a fit has ended may still be
+        gained until that has gone on to the end; then it is none: where one event follows another, as transformation bands
+        do, derivatives hold for steps too small to tell.
+        """
+        return self.evidence.score(k, left_out) - (self.evidence.gain(k) if self.is_settled else 0.0)
 
     def reach(self, k: float) -> float:
         """The cost from which on another model has no weight beside this one: twice the window, as volumes differ too."""
@@ -179,11 +186,14 @@ def in_other_kinetics(model: Model, fewer: Model | None, context: SearchContext)
 
 def settled(model: Model, k: float, context: SearchContext) -> Model | None:
     """The model where it is best under an overdispersion k: it is fitted again where it was fitted under another one, or not
-    to the end, and would gain by that; None where a component does nothing there."""  # fmt: skip
-    if model.evidence.gain(k) <= SETTLED.min_decrease:
-        return model
-    fit = refit(replace(model.fit.problem, tempering=k), model.fit.z, context, SETTLED)
-    return model if fit is None else model_of(model.components, [fit], context)
+    to the end, and would gain by that; None where a component does nothing there."""
+    if model.evidence.gain(k) > SETTLED.min_decrease:
+        fit = refit(replace(model.fit.problem, tempering=k), model.fit.z, context, SETTLED)
+        found = model if fit is None else model_of(model.components, [fit], context)
+        if found is None:
+            return None
+        model = found
+    return replace(model, is_settled=True)
 
 
 def without(model: Model, component: Component, context: SearchContext) -> Model | None:

@@ -15,12 +15,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import exp, isfinite, log, log1p, pi, sqrt
+from math import log, log1p, pi, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
-from scipy.special import log_ndtr
 
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import declared_parameters
@@ -28,6 +27,7 @@ from sma_sim.evidence.estimation.overdispersion import autocorrelation_time
 from sma_sim.evidence.estimation.plausibility import realistic_range
 from sma_sim.evidence.estimation.problem import LinearizedRun, NormalEquations, Problem, linearize, normal_equations
 from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.search.bounded_integral import log_bounded_integral
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -40,8 +40,6 @@ UNLISTED = 2.0
 """Further nats against what no list has: of what has been found missing in such robots, most is known by name."""
 TAIL = 0.1  # of a realistic range: literature is not sharper, and robots differ
 EVEN_PRECISION = 1e-6  # of a normal prior that stands for an even one: its bounds are a thousandth of its width apart
-FAR = 8.0  # standard deviations beyond which a bound holds back nothing
-ROUNDING = 1e-12  # of a variance, below which what others leave of it is rounding error
 AMPLITUDES = np.geomspace(0.1, 1000.0, 17)  # of an unlisted function, in units of the noise
 PERIODS = (2.0, 5.0, 12.0, 30.0, 80.0)  # parts of the length of a run after which it has changed
 
@@ -82,13 +80,10 @@ class Evidence:
         total: Matrix = weight * hessian + np.diag(self.precision)
         slope = weight * gradient + self.precision * self.z
         varied = self.low < self.high
-        total, slope = total[np.ix_(varied, varied)], slope[varied]
-        covariance = np.asarray(np.linalg.inv(total), dtype=np.float64)
-        away = -covariance @ slope
-        best = self.z[varied] + away
-        inside = log_probability_inside(self.low[varied] - best, self.high[varied] - best, covariance)
+        low, high = self.low[varied] - self.z[varied], self.high[varied] - self.z[varied]
+        inside = log_bounded_integral(slope[varied], total[np.ix_(varied, varied)], low, high)
         at_end = -0.5 * weight * squares - 0.5 * float(self.z @ (self.precision * self.z))
-        return at_end - 0.5 * float(slope @ away + np.linalg.slogdet(total)[1] + profiled) + inside + self.log_prior
+        return at_end - 0.5 * profiled + inside + self.log_prior
 
     def gain(self, k: float) -> float:
         """What the optimum of a fit for k has before the point where it ended, to second order."""
@@ -180,40 +175,6 @@ def prior_of_values(problem: Problem, z: Vector) -> tuple[Vector, Vector, Vector
         if first - tail <= at <= last + tail:
             low[j], high[j] = max(low[j], first - tail), min(high[j], last + tail)
     return low, high, precision, log_density
-
-
-def log_probability_inside(low: Vector, high: Vector, covariance: Matrix) -> float:
-    """log of the probability that normal deviates (n,) of mean 0 lie between bounds, those of one after another.
-
-    Each is bounded as if those before it were still normal, with the mean and the variance that their bounds leave them; the
-    one with the least probability first. This is exact where no two of them are correlated (Mendell and Elston, Biometrics
-    30 (1974) 41).
-    """
-    std = np.sqrt(np.diag(covariance))
-    near = np.flatnonzero((low > -FAR * std) | (high < FAR * std))
-    order = sorted(near.tolist(), key=lambda j: truncated(float(low[j] / std[j]), float(high[j] / std[j]))[0])
-    total, mean, covariance = 0.0, np.zeros(len(order)), covariance[np.ix_(order, order)]
-    for j, at in enumerate(order):
-        size = sqrt(max(covariance[j, j], ROUNDING * std[at] ** 2))
-        inside, shift, variance = truncated(float(low[at] - mean[j]) / size, float(high[at] - mean[j]) / size)
-        slopes = covariance[j] / size
-        mean = mean + shift * slopes
-        covariance = covariance - (1.0 - variance) * np.outer(slopes, slopes)
-        total += inside
-    return total
-
-
-def truncated(a: float, b: float) -> tuple[float, float, float]:
-    """log of the probability that a standard normal deviate lies between a and b, and its mean and variance if it does."""
-    if a > -b:  # the upper tail: mirrored, where the logarithm of the distribution is exact
-        inside, mean, variance = truncated(-b, -a)
-        return inside, -mean, variance
-    upper = float(log_ndtr(b))
-    inside = upper + log1p(-exp(min(0.0, float(log_ndtr(a)) - upper)))
-    at_a, at_b = (exp(-0.5 * (x**2 + log(2.0 * pi)) - inside) if isfinite(x) else 0.0 for x in (a, b))
-    mean = at_a - at_b
-    bent = (a * at_a if isfinite(a) else 0.0) - (b * at_b if isfinite(b) else 0.0)
-    return inside, mean, min(1.0, max(0.0, 1.0 + bent - mean**2))
 
 
 def profiled_information(problem: Problem) -> tuple[Vector, ...]:

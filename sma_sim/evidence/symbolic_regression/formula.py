@@ -105,7 +105,7 @@ class Formula:
         bounds = (low / 10.0, high * 10.0) if shape.grid in POSITIVE_GRIDS else (low - width, high + width)
         if shape.grid == 'frequency':
             bounds = (low, bounds[1])  # a slower one does not come again
-        bounds = (rounded(bounds[0], BOUND_DIGITS), rounded(bounds[1], BOUND_DIGITS))
+        bounds = (min(rounded(bounds[0], BOUND_DIGITS), value), max(rounded(bounds[1], BOUND_DIGITS), value))
         return Parameter(name, value, self.unit(shape.unit), bounds, shape.description, realistic=(low, high))
 
     def with_values(self, values: Mapping[str, float]) -> Formula:

@@ -185,15 +185,16 @@ def read_series(bag: Bag, wanted: Mapping[str, tuple[str, str, Decode]]) -> dict
         name, kind, decode = wanted[topic]
         found[name] = series = TopicSeries(np.array(logs, dtype=np.int64), np.zeros(len(logs), dtype=np.int64))
         try:
-            for at, message in decoded_together(messages, kind):
-                if hasattr(message, 'header'):
-                    stamp = message.header.stamp
-                    series.stamp[at] = stamp.sec.astype(np.int64) * 10**9 + stamp.nanosec
-                for column, values in decode(message).items():
-                    series.values.setdefault(column, np.full(len(logs), np.nan))[at] = values
+            groups = list(decoded_together(messages, kind))
         except ValueError as error:
             size = len(messages[error.args[0]])
             raise UserError(f'{bag.path}, topic {topic}: a message of {size} bytes is not a {kind}') from error
+        for at, message in groups:
+            if hasattr(message, 'header'):
+                stamp = message.header.stamp
+                series.stamp[at] = stamp.sec.astype(np.int64) * 10**9 + stamp.nanosec
+            for column, values in decode(message).items():
+                series.values.setdefault(column, np.full(len(logs), np.nan))[at] = values
     return found
 
 

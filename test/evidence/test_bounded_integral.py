@@ -1,0 +1,89 @@
+"""The integral of a normal density between bounds, against closed forms, the distribution itself and quadrature."""
+
+from __future__ import annotations
+
+from math import erf, expm1, inf, log, log1p, pi, sqrt
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal, norm, truncnorm
+
+from sma_sim.evidence.search.bounded_integral import between_bounds, log_bounded_integral
+
+
+def random_density(seed, n):
+    """Slope, precision, and the normal density (mean, covariance, log height) that they stand for."""
+    rng = np.random.default_rng(seed)
+    factor = rng.normal(size=(n, n))
+    precision = factor @ factor.T * 10 ** rng.uniform(-2.0, 2.0) + np.diag(10 ** rng.uniform(-2.0, 1.0, n))
+    covariance = np.linalg.inv(precision)
+    mean = 1.5 * rng.normal(size=n) * np.sqrt(np.diag(covariance))
+    height = 0.5 * float(mean @ precision @ mean - np.linalg.slogdet(precision)[1])
+    return rng, -precision @ mean, precision, mean, covariance, height
+
+
+@pytest.mark.parametrize('n', [1, 2, 3, 5])
+@pytest.mark.parametrize('seed', range(4))
+def test_without_bounds_it_is_the_whole_integral(seed, n):
+    _, slope, precision, _, _, height = random_density(seed, n)
+    unbounded = np.full(n, inf)
+    assert log_bounded_integral(slope, precision, -unbounded, unbounded) == pytest.approx(height, abs=1e-9)
+
+
+@pytest.mark.parametrize('n', [2, 3, 5])
+@pytest.mark.parametrize('seed', range(6))
+def test_of_correlated_unknowns(seed, n):
+    """Against the distribution; bounds on one side and on both."""
+    rng, slope, precision, mean, covariance, height = random_density(seed, n)
+    low, high = -rng.uniform(0.0, 3.0, n), rng.uniform(0.1, 3.0, n)
+    low[rng.random(n) < 0.3] = -inf
+    inside = multivariate_normal(mean, covariance).cdf(high, lower_limit=low, rng=np.random.default_rng(0))
+    assert log_bounded_integral(slope, precision, low, high) == pytest.approx(height + log(inside), abs=0.05)
+
+
+def test_of_independent_unknowns_it_is_exact_far_out_in_the_tails():
+    slope, precision = np.array([5.0, 40.0, -300.0]), np.array([1.0, 1.0, 4.0])
+    low, high = np.array([0.0, 0.0, -1.0]), np.array([inf, inf, 0.0])
+    tails = norm.logsf([5.0, 40.0, 150.0]) + 0.5 * slope**2 / precision - 0.5 * np.log(precision)
+    assert log_bounded_integral(slope, np.diag(precision), low, high) == pytest.approx(tails.sum(), abs=1e-6)
+
+
+@pytest.mark.parametrize('correlation', [0.9, 0.999, 1.0 - 1e-6, 1.0 - 1e-10])
+@pytest.mark.parametrize('pull', [1.0, 1e3, 1e6, 1e9])
+def test_of_unknowns_that_data_pull_far_beyond_opposite_bounds(pull, correlation):
+    """Without bounds the density would be largest where no number reaches."""
+    precision = np.linalg.inv(np.array([[1.0, correlation], [correlation, 1.0]]))
+    slope, low, high = np.array([pull, -0.5 * pull]), np.array([0.0, -1.0]), np.array([1.0, 0.0])
+    x = np.concatenate([[0.0], np.geomspace(1e-15, 1.0, 3000)])
+    weight = np.zeros_like(x)
+    weight[1:] += 0.5 * np.diff(x)
+    weight[:-1] += 0.5 * np.diff(x)
+    first, second = x[:, None], -x[None, :]
+    squares = precision[0, 0] * first**2 + 2.0 * precision[0, 1] * first * second + precision[1, 1] * second**2
+    exact = log(weight @ np.exp(-slope[0] * first - slope[1] * second - 0.5 * squares) @ weight) - log(2.0 * pi)
+    assert log_bounded_integral(slope, precision, low, high) == pytest.approx(exact, abs=0.02)
+
+
+@pytest.mark.parametrize('width', [1e-30, 1e-9, 1e-3, 1.0, 50.0])
+@pytest.mark.parametrize('slope', [0.0, 1e-3, 0.3, 7.0, 37.0, 1e3, 1e6, 1e15, 1e30])
+def test_of_one_unknown_however_steep(slope, width):
+    """An exponential where the slope is all, a normal density where it is not."""
+    found, mean, variance = (float(one[0]) for one in between_bounds(*(np.array([v]) for v in (-slope, 1.0, 0.0, width))))
+    assert 0.0 <= mean <= width and 0.0 <= variance <= 0.25 * width**2
+    if slope * width > 1e-4 and slope >= 1e3:
+        assert found == pytest.approx(log(-expm1(-slope * width) / slope) - 0.5 * log(2.0 * pi), abs=1e-5)
+    elif slope * width < 1e-4 and width <= 1e-3:
+        assert found == pytest.approx(log(width) - 0.5 * log(2.0 * pi) + log1p(-0.5 * slope * width), abs=1e-5)
+    else:
+        exact = truncnorm(slope, slope + width, loc=-slope)
+        inside = norm.logsf(slope) + log1p(-np.exp(norm.logsf(slope + width) - norm.logsf(slope)))
+        assert found == pytest.approx(inside + 0.5 * slope**2, abs=1e-6)
+        if width >= 1.0:  # where those of the distribution are not rounding errors
+            assert (mean, variance) == pytest.approx((exact.mean(), exact.var()), rel=1e-4)
+
+
+def test_a_mean_between_the_bounds():
+    found, mean, variance = (float(one[0]) for one in between_bounds(*(np.array([v]) for v in (0.0, 1.0, -0.3, 1.2))))
+    exact = truncnorm(-0.3, 1.2)
+    inside = 0.5 * (erf(1.2 / sqrt(2.0)) + erf(0.3 / sqrt(2.0)))
+    assert (np.exp(found), mean, variance) == pytest.approx((inside, exact.mean(), exact.var()))
