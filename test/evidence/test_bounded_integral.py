@@ -64,6 +64,21 @@ def test_of_unknowns_that_data_pull_far_beyond_opposite_bounds(pull, correlation
     assert log_bounded_integral(slope, precision, low, high) == pytest.approx(exact, abs=0.02)
 
 
+@pytest.mark.parametrize('seed', range(5))
+def test_of_unknowns_that_data_cannot_tell_apart(seed):
+    """Whose precision is that of their priors in all directions but one: rounding errors are as large."""
+    n, strength = 8, 1e11
+    direction = np.random.default_rng(seed).normal(size=n)
+    precision = strength * np.outer(direction, direction) + 1e-6 * np.eye(n)
+    low, high = np.full(n, -5.0), np.full(n, 5.0)
+    found = log_bounded_integral(np.zeros(n), precision, low, high)
+    size = np.linalg.norm(direction)  # across the direction the box is even: its section through 0, by its normal density
+    draws = np.random.default_rng(0).uniform(-5.0, 5.0, (200_000, n)) @ direction / size
+    density = (np.abs(draws) < 0.5).mean() / 1.0  # of the distance from 0 along the direction
+    exact = n * log(10.0) + log(density) - 0.5 * log(strength * size**2) - 0.5 * (n - 1) * log(2.0 * pi)
+    assert found == pytest.approx(exact, abs=0.3)
+
+
 @pytest.mark.parametrize('width', [1e-30, 1e-9, 1e-3, 1.0, 50.0])
 @pytest.mark.parametrize('slope', [0.0, 1e-3, 0.3, 7.0, 37.0, 1e3, 1e6, 1e15, 1e30])
 def test_of_one_unknown_however_steep(slope, width):

@@ -21,6 +21,7 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(48)
 DEPTH = 40.0  # nats below the largest density beyond which nothing is left
 KEPT = 0.3  # of the factors from the last round, which keeps rounds from swinging
 ROUNDS, EXACT = 60, 1e-3  # rounds at most, and nats between two of them that end it
+ROUNDING = 1e-15  # of a precision, by unknown: without it one of unknowns that data hardly tell apart may not be positive
 SMALLEST = 1e-12  # of a precision, below which the difference of two is rounding error
 
 
@@ -29,6 +30,7 @@ def log_bounded_integral(slope: Vector, precision: Matrix, low: Vector, high: Ve
 
     The precision (n, n) is positive definite, and 0 lies between the bounds, which may be infinite.
     """
+    precision = precision + ROUNDING * len(low) * np.diag(np.diag(precision))
     width = high - low
     factor = 12.0 / width**2  # of an even density between the bounds
     pull = 0.5 * factor * np.where(np.isfinite(width), [low, high], 0.0).sum(axis=0)
