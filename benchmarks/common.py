@@ -56,12 +56,12 @@ def largest_errors(columns: Mapping[str, NDArray[np.float64]], exact: Mapping[st
     return errors
 
 
-def report(description: str, measure: Callable[[argparse.Namespace], dict[str, Any]], **options: int) -> None:
-    """Run `measure` with integer options from the command line; print its rows, or JSON with --json."""
+def report(description: str, measure: Callable[[argparse.Namespace], dict[str, Any]], **options: float) -> None:
+    """Run `measure` with options of the types of their defaults; print its rows, or write JSON with --json."""
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument('--json', type=Path, metavar='FILE', help='also write the numbers as JSON')
     for name, default in options.items():
-        parser.add_argument(f'--{name}', type=int, default=default)
+        parser.add_argument(f'--{name}', type=type(default), default=default)
     arguments = parser.parse_args()
     result = {'machine': f'{platform.machine()}, Python {platform.python_version()}', **measure(arguments)}
     show(result)

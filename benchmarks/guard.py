@@ -1,10 +1,10 @@
 """Whether a guard keeps the wires of simulated robots within their limits, and what that costs.
 
-    python benchmarks/guard.py [--robots 20] [--first 0] [--seconds 20] [--json FILE]
+    python benchmarks/guard.py [--robots 20] [--first 0] [--seconds 20] [--off 0.15] [--margin 2.0] [--json FILE]
 
-A robot has MAS kinetics, parameters off by 15 % (each either way, the free length by up to 0.3 %), sensors with noise, and
+A robot has MAS kinetics, parameters off by --off (each either way, the free length by up to 0.3 %), sensors with noise, and
 every second one a hidden effect. It is observed at 50 Hz with pose and forces, by a model with the nominal parameters,
-which is told that they are known to 15 %.
+which is told how well they are known. The guard keeps clear of limits by --margin standard deviations.
 Commands are adversarial: full power in either direction, for long, in bursts, switched to and fro; every third robot is
 commanded gently, so that no limit comes near. Reported are the largest excesses over the limits, and the stroke (mean
 |alpha|) that is lost: of safe commands against no guard, of others against a guard that knows the true state.
@@ -33,7 +33,6 @@ from sma_sim.solver.simulate import SimulationError
 RATE = 50.0  # [Hz] of estimates and commands
 T_MAX, STRESS_MAX = 360.0, 250e6  # [K], [Pa]
 J_FULL, J_GENTLE = 25.0, 5.0  # [W]
-OFF = 0.15
 CHANNELS = ('U_x', 'U_y', 'alpha', 'F_1', 'F_2')
 Vector = NDArray[np.float64]
 
@@ -47,17 +46,18 @@ class Guarded(NamedTuple):
     limited: float
 
 
-def robot_of(seed: int) -> tuple[Config, Robot]:
+def robot_of(seed: int, off: float, margin: float) -> tuple[Config, Robot]:
     """The nominal model with its limits, and a robot."""
     random = np.random.default_rng([seed, 1])
     chosen = draw_truths(random, 1, None, ()) if seed % 2 == 0 else ()
     nominal = nominal_for(chosen)
     values = dict(nominal.parameters)
     for name in UNCERTAIN_PARAMETERS:
-        values[name] *= 1.0 + OFF * float(random.choice((-1.0, 1.0)))
+        values[name] *= 1.0 + off * float(random.choice((-1.0, 1.0)))
     values['wire.l0'] *= 1.0 + float(random.uniform(-0.003, 0.003))
-    limits = nominal.variant({'guard.T_max': T_MAX, 'guard.stress_max': STRESS_MAX, 'observer.parameter_std': OFF})
-    return limits, Robot(values, tuple(Hidden(one, one.draw(random)) for one in chosen))
+    limits = {'guard.T_max': T_MAX, 'guard.stress_max': STRESS_MAX, 'guard.margin': margin}
+    config = nominal.variant({**limits, 'observer.parameter_std': off})
+    return config, Robot(values, tuple(Hidden(one, one.draw(random)) for one in chosen))
 
 
 def commands_of(seed: int, count: int) -> Vector:
@@ -112,9 +112,9 @@ def run_of(config: Config, robot: Robot, asked: Vector, who: str, seed: int) -> 
     return Guarded(T, stress, stroke, limited / len(asked))
 
 
-def one_robot(seed: int, duration: float) -> dict[str, Any] | None:
+def one_robot(seed: int, duration: float, off: float, margin: float) -> dict[str, Any] | None:
     """All numbers of a robot; None where it cannot do its run."""
-    config, robot = robot_of(seed)
+    config, robot = robot_of(seed, off, margin)
     asked = commands_of(seed, round(duration * RATE))
     try:
         alone, knowing = (run_of(config, robot, asked, who, seed) for who in ('none', 'truth'))
@@ -155,7 +155,7 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
     """All robots."""
     robots, seed = [], arguments.first
     while len(robots) < arguments.robots:
-        found = one_robot(seed, float(arguments.seconds))
+        found = one_robot(seed, float(arguments.seconds), arguments.off, arguments.margin)
         if found is not None:
             robots.append(found)
             if arguments.each:
@@ -166,4 +166,7 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 if __name__ == '__main__':
-    report('Whether a guard keeps wires within their limits', measure, robots=20, first=0, seconds=20, each=0)
+    report(
+        'Whether a guard keeps wires within their limits', measure,
+        robots=20, first=0, seconds=20, off=0.15, margin=2.0, each=0,
+    )  # fmt: skip

@@ -206,7 +206,8 @@ def test_an_estimate_that_is_carried_to_where_it_is_stays():
     mean[one._temperatures], mean[one._fractions] = 320.0 / one._scales[one._temperatures], 4.0
     mean[one._at.parameters] = 0.5
     told = np.array([True, True])
-    carried, covariance = one._coordinates.carried(mean, root @ root.T, mean, 300.0, told)
+    carried = one._coordinates.mean(mean, mean, 300.0, told)
+    covariance = one._coordinates.covariance(root @ root.T, mean, carried, 300.0, told)
     assert np.allclose(carried, mean, atol=1e-9) and np.allclose(covariance, root @ root.T, atol=1e-6)
     assert [one.name for one in free].count('wire.E_M') == 1
 

@@ -28,6 +28,8 @@ def constrained_least_squares(A: Matrix, b: Vector, G: Matrix, h: Vector) -> Vec
         return np.asarray(np.linalg.solve(R, projected))
     rows = np.linalg.solve(R.T, G.T).T  # G R^-1
     room = h - rows @ projected
+    if (room >= 0.0).all():  # the least squares without constraints keep them
+        return np.asarray(np.linalg.solve(R, projected))
     lengths = np.linalg.norm(rows, axis=1)
     dual = np.vstack([-rows.T / lengths, -room / lengths])
     goal = np.zeros(len(dual))

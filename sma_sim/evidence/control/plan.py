@@ -41,6 +41,7 @@ from sma_sim.solver.columns import sample_columns
 from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS
 from sma_sim.solver.model import Model
 from sma_sim.solver.prediction import Prediction
+from sma_sim.solver.propagation import run_at_rest
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
@@ -48,7 +49,7 @@ Matrix = NDArray[np.float64]
 Target = Callable[[Vector], Vector]  # from times (k,) [s] to wanted values of a coordinate (k,)
 EDGES = (0.0, 0.04, 0.12, 0.28, 0.56, 1.0)  # of the levels, in parts of the horizon
 TIMES = (0.04, 0.08, 0.12, 0.2, 0.28, 0.37, 0.46, 0.56, 0.7, 0.85, 1.0)  # at which the target is compared
-BISECTIONS = 8  # of a constant level
+BISECTIONS = 6  # of a constant level, from which a step of Gauss and Newton goes on
 LARGE_ERROR = 5e-3  # as a part of the usual change, of a plan that another one may be better than
 PENALTY = 10.0  # of a limit that is passed by its scale, against an error of a usual change
 ENOUGH = 0.99  # of its cost that a step leaves, after which no other one is made
@@ -166,6 +167,8 @@ class Planner:
     ------
     UserError
         For a structure that more than one heating command moves, and a coordinate that it does not have.
+    SimulationError
+        If the model has no start at rest.
     """
 
     def __init__(self, config: Config, iterations: int) -> None:
@@ -192,6 +195,7 @@ class Planner:
         first = sample_columns(structure).wires.start + PER_WIRE * np.arange(structure.wires)
         self._limited = np.concatenate([first + WIRE_COLUMNS.index(name) for name in ('T', 'sigma')])
         self.restart()
+        self._load(given['environment.T_E'])
 
     def restart(self) -> None:
         """Forget the plan before."""
@@ -229,6 +233,13 @@ class Planner:
             raise SimulationError(f'system = {start.model.structure.name}: the model cannot run on under any command')
         self.levels = best.levels
         return float(best.levels[0])
+
+    def _load(self, T_E: float) -> None:
+        """Load compiled code, which takes longer than a plan may."""
+        model = self._prediction.model
+        rest, gains = run_at_rest(model, T_E), np.ones(model.wires)
+        self._prediction.samples(0.0, rest, self.levels, gains, T_E)
+        self._prediction.with_derivatives(0.0, rest, self.levels, gains, T_E)
 
     def _prediction_of(self, model: Model, horizon: float) -> Prediction:
         return Prediction(model, [horizon * part for part in EDGES], [horizon * part for part in TIMES], TOLERANCE)

@@ -9,7 +9,7 @@ from sma_sim.evidence.state_estimation.observer import Observer
 from sma_sim.model.config import Config
 from sma_sim.model.expected import expect
 
-ITERATIONS = 2  # of a plan, which begins from the one before (Diehl et al., SIAM J. Control Optim. 43 (2005) 1714: one)
+ITERATIONS = 1  # of a plan, which begins from the one before (Diehl et al., SIAM J. Control Optim. 43 (2005) 1714)
 
 
 class PredictiveController:

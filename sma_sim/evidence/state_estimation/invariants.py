@@ -52,22 +52,25 @@ class InvariantCoordinates:
     T_scale: Vector
     x_scale: Vector
 
-    def carried(
-        self, estimate: Vector, covariance: Matrix, about: Vector, T_E: float, told: NDArray[np.bool_]
-    ) -> tuple[Vector, Matrix]:
-        """The mean (n,) and covariance (n, n) of an estimate that is linear about a vector (n,), as they are about itself.
+    def mean(self, estimate: Vector, about: Vector, T_E: float, told: NDArray[np.bool_]) -> Vector:
+        """The mean (n,) of an estimate that is linear about a vector (n,), as it is about itself.
 
         `T_E` [K]: what was said of it; `told` (wires,): whose x_M is part of the state, and not algebraic.
         """
-        outward = self._derivatives(about, T_E, told)
-        mean = self._back(self._of(about, T_E, told) + outward @ (estimate - about), T_E, told)
-        moved = np.linalg.solve(self._derivatives(mean, T_E, told), outward)
-        return mean, moved @ covariance @ moved.T
+        here = self._of(about, T_E, told)
+        along = (self._of(about + DELTA * (estimate - about), T_E, told) - here) / DELTA
+        return self._back(here + along, T_E, told)
+
+    def covariance(self, covariance: Matrix, about: Vector, mean: Vector, T_E: float, told: NDArray[np.bool_]) -> Matrix:
+        """The covariance (n, n) of such an estimate about its `mean`."""
+        moved = np.linalg.solve(self._derivatives(mean, T_E, told), self._derivatives(about, T_E, told))
+        found: Matrix = moved @ covariance @ moved.T
+        return found
 
     def _derivatives(self, at: Vector, T_E: float, told: NDArray[np.bool_]) -> Matrix:
         """Of the coordinates in the vector (n, n)."""
         here, found = self._of(at, T_E, told), np.eye(len(at))
-        for j in range(self.unknowns.count):
+        for j in self._read:
             beside = at.copy()
             beside[j] += DELTA
             found[:, j] = (self._of(beside, T_E, told) - here) / DELTA
@@ -100,6 +103,13 @@ class InvariantCoordinates:
                 value = 1.0 / max(STRAIN / STRESS * coordinates[at] * w['eps_T'] + 1.0 / w['E_A'], 1.0 / high)
             xi[at] = of_one.coordinate(min(max(value, low), high))
         return xi
+
+    @cached_property
+    def _read(self) -> list[int]:
+        """What coordinates depend on: each of the others is its own."""
+        first = self.unknowns.parameters.start
+        parameters = [first + k for k, one in enumerate(self.free) if one.name in READ]
+        return [*self.temperatures.tolist(), *self.fractions.tolist(), *parameters, self.unknowns.T_E]
 
     @cached_property
     def _replaced(self) -> list[tuple[str, int]]:

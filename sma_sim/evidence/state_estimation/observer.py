@@ -144,6 +144,7 @@ class Observer:
         first = self._reference(np.zeros(len(self._free) + self._structure.wires + 1), 0.0, FIRST_RUN)
         self._prepare(first.propagation)
         self._first = self._start(first, 0.0, (0.0,) * self._structure.wires, config.parameters['environment.T_E'])
+        self._seen(self._propagated(self._first, LONGEST_STEP))  # loads compiled code now and not at the first message
 
     @property
     def time(self) -> float:
@@ -177,7 +178,7 @@ class Observer:
         Raises UserError before the first message.
         """
         estimate, belief, at = self.estimate, self._beliefs[-1], self._at
-        run, mean, _ = self._run_from_estimate(belief)
+        run, mean = self._run_from_estimate(belief)
         return RobotState(
             belief.time,
             Model(configured(self.config, self._free, mean[at.parameters])),
@@ -291,6 +292,7 @@ class Observer:
         self._size = at.count + len(self.channels)
         self._walk, self._decay, stationary = np.zeros((3, self._size))
         temperatures = self._temperatures = slice(p.first_T, p.first_T + wires)
+        self._is_mas = p.mas
         self._fractions = slice(p.first_x, p.first_x + wires) if p.mas else at.fractions
         unit = propagation.scales[p.first_x] if p.mas else FRACTION_SCALE
         self._coordinates = InvariantCoordinates(
@@ -449,34 +451,42 @@ class Observer:
         """The same belief about a run that starts from the estimate."""
         at, before = self._at, belief.reference
         lasted = min(LONGER * (before.until - before.since), LONGEST_RUN)
-        run, mean, covariance = self._run_from_estimate(belief)
+        run, mean = self._run_from_estimate(belief)
+        covariance = self._coordinates.covariance(
+            belief.covariance, self._about(belief), mean, belief.T_E, self._told(belief.run)
+        )
         reference = self._reference(mean[at.parameters.start : at.count].copy(), belief.time, belief.time + lasted)
         mean[: at.parameters.start] = 0.0
         return belief._replace(reference=reference, run=run, mean=mean, covariance=0.5 * (covariance + covariance.T))
 
-    def _run_from_estimate(self, belief: Belief) -> tuple[Run, Vector, Matrix]:
-        """A run that is where the estimate says, and mean and covariance about it."""
-        at, before = self._at, belief.reference
-        run, p, scales = (
-            copy_of_run(before.propagation.model, belief.run),
-            before.propagation.model.compiled,
-            before.propagation.scales,
-        )
+    def _about(self, belief: Belief) -> Vector:
+        """What the run has of all that is estimated (size,)."""
+        at, state, about = self._at, belief.run.state, np.zeros(self._size)
+        about[at.states] = state.y / belief.reference.propagation.scales
+        about[at.fractions] = state.x_frozen / FRACTION_SCALE
+        about[at.parameters.start : at.count] = belief.reference.extra
+        return about
+
+    def _told(self, run: Run) -> NDArray[np.bool_]:
+        """Of which wires x_M is part of the state (wires,)."""
+        told: NDArray[np.bool_] = run.state.mode == INNER
+        return np.ones_like(told) if self._is_mas else told
+
+    def _run_from_estimate(self, belief: Belief) -> tuple[Run, Vector]:
+        """A run that is where the estimate says, and the mean about it."""
+        at, propagation, about = self._at, belief.reference.propagation, self._about(belief)
+        run, p, scales = copy_of_run(propagation.model, belief.run), propagation.model.compiled, propagation.scales
         state = run.state
-        about = np.zeros(self._size)
-        about[at.states], about[at.fractions] = state.y / scales, state.x_frozen / FRACTION_SCALE
-        about[at.parameters.start : at.count] = before.extra
         estimate = belief.mean.copy()
         estimate[: at.parameters.start] += about[: at.parameters.start]
-        told = np.ones(p.wires, dtype=bool) if p.mas else state.mode == INNER
-        mean, covariance = self._coordinates.carried(estimate, belief.covariance, about, belief.T_E, told)
+        mean = self._coordinates.mean(estimate, about, belief.T_E, self._told(run))
         state.y[:] = scales * mean[at.states]
         if p.mas:
             fractions = slice(p.first_x, p.first_x + p.wires)
             state.y[fractions] = np.clip(state.y[fractions], 0.0, 1.0)
         else:
             state.x_frozen[:] = np.clip(FRACTION_SCALE * mean[at.fractions], 0.0, 1.0)
-        return run, mean, covariance
+        return run, mean
 
     def _estimate_of(self, belief: Belief) -> Estimate:
         sample, derivatives = self._seen(belief)
