@@ -221,7 +221,7 @@ GUARD_PARAMETERS = declared_in(
     Parameter('horizon', 0.05, 's', (0.005, 10.0), 'how long a command may stay in force before the next one is judged'),
     Parameter('margin', 2.0, '-', (0.0, 10.0), 'standard deviations of the estimate that limits keep clear of'),
     Parameter('T_std_max', 20.0, 'K', (0.1, 1e3), 'standard deviation of a temperature that is too uncertain to heat'),
-    Parameter('silence', 0.1, 's', (0.005, 10.0), 'without a message for so long, robot and observer are silent'),
+    Parameter('silence', 0.15, 's', (0.005, 10.0), 'without a message for so long, robot and observer are silent'),
 )
 CONTROL_PAGE = 'docs/how-to/control-the-robot.md'
 CONTROL_PARAMETERS = (

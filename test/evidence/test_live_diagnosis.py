@@ -7,9 +7,10 @@ import pytest
 
 import sma_sim
 from sma_sim.evidence.monitoring.causes import causes_for
-from sma_sim.evidence.monitoring.live_diagnosis import LiveDiagnosis
+from sma_sim.evidence.monitoring.live_diagnosis import CHANGE, INSTANTS, LiveDiagnosis
 from sma_sim.evidence.monitoring.live_model import ComparedSample, InputChange
-from sma_sim.evidence.monitoring.past import SPAN, continued, shifted
+from sma_sim.evidence.monitoring.past import BIN, SPAN, Prior, Window, continued, shifted
+from sma_sim.evidence.search.score import UNLISTED
 from sma_sim.solver.inputs import Input
 
 NOISE = {'U_x': 2e-6, 'U_y': 2e-5, 'alpha': 3.5e-4}
@@ -111,6 +112,29 @@ def test_rivals_are_fitted_before_they_are_compared():
     assert found.has_changed and len(alike) == 2 and sum(alike.values()) > 0.5
     assert max(one.probability for one in found.findings) < 0.99
     assert found.left < 1.1 and 'changed since' in str(found)
+
+
+def test_a_cause_starts_from_the_valley_that_is_deepest():
+    """The room gets warmer while the wires cool: the cost has a valley there, and another one at the next command."""
+    found = followed('T_E', {'T_E': 1.5}, end=80.0)
+    assert found.evaluate().has_changed
+    part, fitted = found._leading
+    best = next(one for one in fitted if one.cause.name == 'T_E')
+    late = found._at(part, best, 0.5 * best.amounts, best.onset + 12.0)
+    start = found._from_best_instant(part, late, INSTANTS)
+    assert late.cost > best.cost + 50.0 and start.cost < best.cost + 20.0
+    assert start.onset == pytest.approx(best.onset, abs=1.5) and start.amounts == pytest.approx(best.amounts, rel=0.2)
+
+
+def test_noise_that_looks_like_a_change_for_a_while_dates_none():
+    times, random = BIN * np.arange(400) + 0.5 * BIN, np.random.default_rng(3)
+    means = random.standard_normal((400, 2))
+    means[:, 0] += np.where(times < 20.0, 0.8 * np.sin(0.4 * times), 0.0) + np.where(times > 60.0, 6.0, 0.0)
+    window = Window(0.0, times, means, np.ones_like(means), (0.0,), (), np.zeros((400, 0, 2)))
+    nothing = Prior(np.zeros((0, 0)), np.zeros(0))
+    assert 0.0 < window.before(20.0).smooth_evidence() < UNLISTED - CHANGE
+    assert window.onset(nothing, UNLISTED - CHANGE) == pytest.approx(60.0, abs=1.0)
+    assert window.onset(nothing) <= window.onset(nothing, UNLISTED - CHANGE)
 
 
 OFF = {

@@ -48,12 +48,13 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 MEAN_TIME = 86_400.0  # [s] between two changes of a robot, beforehand
+CHANGE = math.log(CHECKPOINT / MEAN_TIME)  # log prior of one between two looks
 AMOUNT = 2.0  # standard deviation of an amount, in steps: these are a third of what is realistic
 PROBED = (0.5, 1.5, 4.0)  # amounts [steps] at which a cause is looked at before it is fitted
 SKETCHED, SKETCHES = 10, 4  # causes that are simulated at their amounts, and the steps of their fits
 REFINED, REFINEMENTS = 5, 12  # causes that are fitted until nothing improves, and the most steps that this takes
 EARLIER = 20.0  # [s] than it shows, that a change may begin
-INSTANTS = (0.0, 1.0, 2.0, 4.0, 8.0, 16.0)  # [s] earlier, from which a fit may start
+FEW_INSTANTS, INSTANTS = 5, 25  # from which a cause may start: of all causes, and of those that are simulated
 ONSET_STD = 10.0  # [s] of an instant that the data do not tell
 MOVED, MOVED_ONSET = 0.02, BIN  # differences of derivatives: of amounts in steps, [s]
 PARAMETER_STEP = 0.05  # of its standard deviation, by which a parameter is moved for derivatives
@@ -256,12 +257,12 @@ class LiveDiagnosis:
         prior = Prior(self._precision, self._z)
         if window.explained(prior).smooth_evidence() <= 0.0:
             return LiveFinding(now, None, (self._named(None, NOTHING, 1.0),), -math.inf, window.error, window.error)
-        onset = window.onset(prior)
+        shows, onset = window.onset(prior), window.onset(prior, UNLISTED - CHANGE)
         if window.end < onset + STEP + BIN * SHORTEST:
             return None
-        first, state = self._track.state_at(max(window.begin, onset - EARLIER))
+        first, state = self._track.state_at(max(window.begin, shows - EARLIER))
         z, precision = window.before(first).told(prior)
-        part = window.since(first, state).without(onset, onset + STEP).moved(z)
+        part = window.since(first, state).without(shows, shows + STEP).moved(z)
         base = part.shown(self._model, self._model, self._noise)
         if base is None:
             return None
@@ -291,14 +292,15 @@ class LiveDiagnosis:
     def _compared(
         self, part: Comparison, onset: float, now: int, begin: int, is_stopped: Callable[[], bool]
     ) -> LiveFinding | None:
-        """The causes that begin about `onset` s after a part of the past does, at `begin` [ns], by probability."""
+        """The causes that begin up to `onset` s after a part of the past does, at `begin` [ns], by probability."""
         fitted = list[FittedCause]()
         for cause in self._causes:
             if is_stopped():
                 return None
             fitted += self._started(part, cause, onset)
-        fitted.sort(key=lambda one: -one.score())
-        fitted = [self._from_best_instant(part, one) for one in fitted[:SKETCHED]]
+        for kept, instants in ((len(fitted), FEW_INSTANTS), (SKETCHED, INSTANTS)):
+            fitted = [self._from_best_instant(part, one, instants) for one in fitted[:kept]]
+            fitted.sort(key=lambda one: -one.score())
         for kept, steps in ((SKETCHED, SKETCHES), (REFINED, REFINEMENTS)):
             leading = sorted(fitted, key=lambda one: -one.score())[:kept]
             fitted = [self._converged(part, one, onset + STEP, steps) for one in leading if not is_stopped()]
@@ -306,10 +308,9 @@ class LiveDiagnosis:
             return None
         fitted.sort(key=lambda one: -one.score())
         self._leading = part, tuple(fitted)
-        change = math.log(CHECKPOINT / MEAN_TIME)
         squares = float(part.residuals @ part.residuals)
         nothing, smooth = -0.5 * squares, part.window.smooth_evidence
-        scores = [nothing, nothing + smooth(part.residuals) + change - UNLISTED]
+        scores = [nothing, nothing + smooth(part.residuals) + CHANGE - UNLISTED]
         for one in fitted:  # alone, or with what its law does not have: that is named which explains more
             alone, left = one.score() - math.log(len(self._causes)), float(one.left @ one.left)
             named = len(scores) if squares - left > left - len(one.left) else 1
@@ -387,11 +388,26 @@ class LiveDiagnosis:
             self._probes[key] = Model(cause.in_config(self._config, {name: step}))
         return self._probes[key]
 
-    def _from_best_instant(self, part: Comparison, start: FittedCause) -> FittedCause:
-        """A cause from the instant, not later than where it is, from which it explains most with its amounts."""
-        onsets = {max(start.onset - earlier, 0.0) for earlier in INSTANTS}
-        tried = [self._at(part, start, start.amounts, onset) for onset in sorted(onsets)]
-        return min((one for one in (start, *tried) if one is not None), key=lambda one: one.cost)
+    def _from_best_instant(self, part: Comparison, start: FittedCause, instants: int) -> FittedCause:
+        """A cause from that of some instants, not later than where it is, from which so many times its amounts explain most.
+
+        The cost has a valley between any two commands, so that instants close to each other have to be looked at.
+        """
+        best, scale, least = start.onset, 1.0, start.cost
+        weight = float(start.amounts @ start.amounts) / AMOUNT**2
+        for onset in np.linspace(0.0, start.onset, instants).tolist():
+            tried = self._at(part, start, start.amounts, onset)
+            if tried is None:
+                continue
+            response = part.residuals - tried.left
+            along = float(response @ part.residuals) / (float(response @ response) + weight)
+            left = part.residuals - along * response
+            cost = 0.5 * (float(left @ left) + along**2 * weight)
+            if along > 0.0 and cost < least:
+                best, scale, least = tried.onset, along, cost
+        amounts = np.clip(scale * start.amounts, LEAST_AMOUNT, MOST_AMOUNT)
+        found = self._at(part, start, amounts, best)
+        return start if found is None or found.cost > start.cost else found
 
     def _converged(self, part: Comparison, start: FittedCause, latest: float, steps: int) -> FittedCause:
         """A cause that begins until `latest` [s], fitted in at most so many steps; itself where it cannot be run."""

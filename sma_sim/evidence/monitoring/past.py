@@ -109,20 +109,22 @@ class Window:
         ]
         return float(np.sum(np.logaddexp(0.0, found) - math.log(2.0)))
 
-    def onset(self, prior: Prior) -> float:
-        """The last instant up to which parameters and white noise explain what is left, to STEP [s]."""
-        found = self.begin
+    def onset(self, prior: Prior, evidence: float = 0.0) -> float:
+        """The last instant, to STEP [s], up to which there is no more `evidence` against parameters and white noise.
+
+        At some instant before it there may have been more, by chance, since there are many: what came then has shown it.
+        """
+        found, end = self.begin, self.end
         for step in (CHECKPOINT, STEP):
-            for instant in np.arange(found + step, self.end, step):
-                if not self.is_white_before(float(instant), prior):
-                    break
-                found = float(instant)
+            later = np.arange(found + step, end, step)[::-1].tolist()
+            found = next((instant for instant in later if self.is_white_before(instant, prior, evidence)), found)
+            end = min(self.end, found + step)
         return found
 
-    def is_white_before(self, instant: float, prior: Prior) -> bool:
-        """Whether parameters and white noise explain what is left until an instant [s]; also where too little is known."""
+    def is_white_before(self, instant: float, prior: Prior, evidence: float = 0.0) -> bool:
+        """Whether no more `evidence` is against parameters and white noise until an instant [s]; also of too few bins."""
         before = self.before(instant)
-        return len(before.times) < SHORTEST or before.explained(prior).smooth_evidence() <= 0.0
+        return len(before.times) < SHORTEST or before.explained(prior).smooth_evidence() <= evidence
 
     def before(self, instant: float) -> Window:
         """What is earlier than an instant [s]."""
