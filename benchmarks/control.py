@@ -72,7 +72,8 @@ def target_of(seed: int, which: int) -> Target:
 
     def target(times: Vector) -> Vector:
         waves = [np.sin(2.0 * np.pi * times / T + phase) for T, phase in zip(periods, phases, strict=True)]
-        return AMPLITUDE * (1.0 - np.exp(-times / 2.0)) * (share * waves[0] + (1.0 - share) * waves[1])
+        found: Vector = AMPLITUDE * (1.0 - np.exp(-times / 2.0)) * (share * waves[0] + (1.0 - share) * waves[1])
+        return found
 
     return target
 

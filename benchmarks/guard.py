@@ -153,7 +153,7 @@ def summary(robots: list[dict[str, Any]]) -> dict[str, float]:
 
 def measure(arguments: argparse.Namespace) -> dict[str, Any]:
     """All robots."""
-    robots, seed = [], arguments.first
+    robots, seed = list[dict[str, Any]](), arguments.first
     while len(robots) < arguments.robots:
         found = one_robot(seed, float(arguments.seconds), arguments.off, arguments.margin)
         if found is not None:
