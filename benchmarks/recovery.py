@@ -54,10 +54,9 @@ PLAN = RecordingPlan(3, 100.0, 20.0)
 
 
 def scaled(truth: Truth, values: Mapping[str, float], strength: str, factor: float) -> Truth:
-    """The truth with these values of its parameters, its strength multiplied."""
-    fixed = tuple(
-        replace(p, realistic=(values[p.name] * (factor if p.name == strength else 1.0),) * 2) for p in truth.parameters
-    )
+    """The truth with these values of its parameters, its strength multiplied as far as its bounds let it."""
+    wanted = {p.name: values[p.name] * (factor if p.name == strength else 1.0) for p in truth.parameters}
+    fixed = tuple(replace(p, realistic=(min(max(wanted[p.name], p.bounds[0]), p.bounds[1]),) * 2) for p in truth.parameters)
     return replace(truth, parameters=fixed, signed=())
 
 
