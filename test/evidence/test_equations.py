@@ -167,10 +167,13 @@ def test_effects_on_the_structure_see_the_temperatures(tmp_path):
     assert moved[1, 0] < 1e-6 < 1e-3 < moved[1].max() and isinstance(Parameter, type)
 
 
-def test_the_best_terms_count_by_their_own_responses():
-    """That of every wire is the sum over the wires; what cannot be run alone, and what a sensor shows, stays as it was."""
+@pytest.mark.parametrize(('tried', 'coefficient'), [(2.0, 0.1), (2.0, -0.1), (0.5, 3.0)])
+def test_the_best_terms_count_by_their_own_responses(tried, coefficient):
+    """At the strength that was found, if that is less than the one tried. That of every wire is the sum over the wires; what
+    cannot be run alone, and what a sensor shows, stays as it was."""
     residuals = np.array([3.0, -1.0, 2.0, 0.5])
-    own = {('heat_1', 2.0): [1.0, 0.0, 0.5, 0.0], ('heat_2', 2.0): [0.0, -1.0, 0.5, 1.0], ('strain_1', 2.0): None}
+    at = min(tried, coefficient, key=abs)
+    own = {('heat_1', at): [1.0, 0.0, 0.5, 0.0], ('heat_2', at): [0.0, -1.0, 0.5, 1.0], ('strain_1', at): None}
     asked = []
 
     def responses(location, trials):
@@ -184,11 +187,11 @@ def test_the_best_terms_count_by_their_own_responses():
         projected_residuals=residuals,
     )
     names = ('heat', 'heat_1', 'strain_1', 'sense_alpha')
-    fits = [replace(fit_of(name, 'constant', 0.1), error_reduction=7.0, tried=2.0) for name in names]
+    fits = [replace(fit_of(name, 'constant', coefficient), error_reduction=7.0, tried=tried) for name in names]
     every, one, strain, sensor = with_own_responses(linearized, fits)
-    for fit, response in ((every, np.add(own['heat_1', 2.0], own['heat_2', 2.0])), (one, np.array(own['heat_1', 2.0]))):
+    for fit, response in ((every, np.add(own['heat_1', at], own['heat_2', at])), (one, np.array(own['heat_1', at]))):
         best = np.linalg.lstsq(response[:, None], -residuals, rcond=None)[0][0]
-        assert fit.coefficient == pytest.approx(2.0 * best)
+        assert fit.coefficient == pytest.approx(at * best)
         assert residuals @ residuals - fit.error_reduction == pytest.approx(np.sum((residuals + best * response) ** 2))
         assert fit.limits == fits[0].limits
     assert [strain, sensor] == fits[2:] and len(asked) == len(set(asked)) == 3

@@ -38,7 +38,7 @@ from sma_sim.evidence.symbolic_regression.visited_states import (
 
 Vector = NDArray[np.float64]
 RESPONSE_RTOL = 1e-4  # solver.rtol of the responses: both sides of each difference have it
-EXACT_TERMS = 30  # of the best whose own responses are simulated: combinations may misorder neighbours
+EXACT_TERMS = 100  # of the best whose own responses are simulated: combinations, and responses that are not linear, misorder
 
 
 @dataclass(frozen=True)
@@ -67,8 +67,8 @@ class TermFit:
 
     @property
     def trial(self) -> TermTrial:
-        """What is simulated of it."""
-        return TermTrial(self.term, self.shapes, self.tried)
+        """What is simulated of it: what was found where that is less than was tried, as over more a response may bend."""
+        return TermTrial(self.term, self.shapes, min(self.tried, self.coefficient, key=abs))
 
     @property
     def name(self) -> str:
