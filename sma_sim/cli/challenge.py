@@ -79,7 +79,11 @@ def reveal_answer(arguments: argparse.Namespace) -> int:
     score = score_verdict(answer, read_verdict(arguments.verdict)) if arguments.verdict else None
     if arguments.json:
         truth = answer.as_data() | {'verdict': answer.verdict}
-        print(json.dumps({'truth': truth, 'score': score_data(score) if score else None}, indent=2))
+        print(
+            json.dumps(
+                {'truth': truth, 'score': asdict(score) | {'bare_error': score.nominal_error} if score else None}, indent=2
+            )
+        )
     else:
         print('\n'.join(answer_text(answer) + (score_text(score) if score else [])))
     return 0
@@ -102,11 +106,6 @@ def answer_text(answer: Answer) -> list[str]:
     for name, (nominal, true) in answer.parameters.items():
         lines.append(f'  {name:<14} {true:<12.5g} {100.0 * (true / nominal - 1.0):+.2f} %')
     return lines
-
-
-def score_data(score: VerdictScore) -> dict[str, Any]:
-    """The score in types of JSON; `bare_error` is another name of `nominal_error`."""
-    return asdict(score) | {'bare_error': score.nominal_error}
 
 
 def score_text(score: VerdictScore) -> list[str]:

@@ -89,9 +89,8 @@ def panels_of(names: Iterable[str]) -> list[Panel]:
         if (found := curve_of(name)) is not None:
             curves.setdefault(found[0], []).append(found[1])
     coordinates = [label for label in curves if label not in ORDER]
-    return [Panel(label, sorted_curves(curves[label])) for label in (*coordinates, *ORDER) if label in curves]
-
-
-def sorted_curves(curves: Sequence[Curve]) -> list[Curve]:
-    """The ambient temperature after those of wires."""
-    return sorted(curves, key=lambda curve: curve[0] == 'T_E_K')
+    return [
+        Panel(label, sorted(curves[label], key=lambda curve: curve[0] == 'T_E_K'))
+        for label in (*coordinates, *ORDER)
+        if label in curves
+    ]

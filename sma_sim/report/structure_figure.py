@@ -13,7 +13,6 @@ from sma_sim.report.style import mode_legend, sized_figure
 from sma_sim.solver.columns import sample_columns
 from sma_sim.solver.fixed_rate import FixedRateRun
 from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS
-from sma_sim.solver.model import Model
 
 IN_A_ROW = 3
 MARGIN = 0.12  # around a structure, relative to its length
@@ -56,9 +55,4 @@ def pose_of(run: FixedRateRun) -> Pose:
     q = dict(zip(model.structure.coordinate_names, run.sample[where.pose].tolist(), strict=True))
     wires = run.sample[where.wires]
     lengths, modes = (wires[WIRE_COLUMNS.index(name) :: PER_WIRE].tolist() for name in ('length', 'mode'))
-    return Pose(sketch_of(model).lines(q, lengths), [int(mode) for mode in modes])
-
-
-def sketch_of(model: Model) -> Sketch:
-    """The drawing of a model's structure."""
-    return Sketch(model.structure, model.config.parameters)
+    return Pose(Sketch(model.structure, model.config.parameters).lines(q, lengths), [int(mode) for mode in modes])

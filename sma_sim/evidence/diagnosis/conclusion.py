@@ -226,10 +226,6 @@ class StageData:
         )
         return unexplained_above(span / self.training.noise_std['strain'])
 
-    def predicted_by(self, fit: FitResult, context: SearchContext) -> tuple[RunFit, ...]:
-        """The held-out runs under a model."""
-        return self.under(fit, context).predicted(fit, context)
-
     def predicted(self, fit: FitResult | Calibration, context: SearchContext) -> tuple[RunFit, ...]:
         """The held-out runs, as they are here, under a model."""
         return evaluate_held_out(fit.config, self.held_out, fit.delay, context.pool, fit.error) if self.held_out else ()

@@ -374,5 +374,6 @@ def held_out_ratios(
     """By effect of the first step, the held-out error with it over that without; empty where no run is held out."""
     if data.held_out is None or context.stop.is_set():
         return {}
-    errors = {one.name: pooled_error(data.predicted_by(one.fit, context))[0] for one in first.candidate_fits}
+    tried = ((one.name, data.under(one.fit, context).predicted(one.fit, context)) for one in first.candidate_fits)
+    errors = {name: pooled_error(predicted)[0] for name, predicted in tried}
     return {name: error / before.held_out for name, error in errors.items()}

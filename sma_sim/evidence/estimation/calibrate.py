@@ -683,7 +683,10 @@ def limits_reached(problem: Problem, z: Vector, runs: Sequence[RunFit]) -> tuple
     offsets = dict[str, list[tuple[str, float, Range]]]()
     for data, fit in zip(problem.runs, runs, strict=True):
         stds = dict(zip(data.channels, data.zero_std, strict=bool(data.zero_std)))
-        given = {f'zero.{channel}': (value, std_range(stds[channel])) for channel, value in fit.zeros.items()}
+        given = {
+            f'zero.{channel}': (value, (-ZERO_STDS * stds[channel], ZERO_STDS * stds[channel]))
+            for channel, value in fit.zeros.items()
+        }
         given |= {STRAIN_ZERO: (fit.zero, data.zero_range)} if fit.zero else {}
         given |= {'ambient': (fit.ambient, (AMBIENT.low * fit.ambient_std, AMBIENT.high * fit.ambient_std))}
         for name, (value, between) in given.items():
@@ -695,11 +698,6 @@ def limits_reached(problem: Problem, z: Vector, runs: Sequence[RunFit]) -> tuple
         for name, where in offsets.items()
     ]
     return tuple(found)
-
-
-def std_range(std: float) -> Range:
-    """Between which values a zero of this standard deviation is estimated."""
-    return -ZERO_STDS * std, ZERO_STDS * std
 
 
 def within(value: float, between: Range) -> bool:

@@ -192,7 +192,8 @@ def isothermal_test(recording: Recording) -> IsothermalTest | None:
     columns = dict(zip(structure.input_columns, values.T, strict=True))
     if np.any(columns.get('J_W', 0.0)):
         return None
-    strain, T = (np.interp(recording.time, times, columns[name]) for name in ('strain', temperature_column(columns)))
+    warm = 'T_K' if 'T_K' in columns else 'T_E_K'
+    strain, T = (np.interp(recording.time, times, columns[name]) for name in ('strain', warm))
     return isothermal_features(recording.name, T, strain, np.asarray(recording.channels['stress'], float))
 
 
@@ -216,11 +217,6 @@ def isothermal_features(name: str, T: Vector, strain: Vector, stress: Vector) ->
         return None
     takes, beyond = float(flat.mean() * (grid[-1] - grid[0])), slope_beyond(slope, flat)
     return IsothermalTest(name, float(np.mean(T)), loading, unloading, modulus, takes, float(np.minimum(beyond, modulus)))
-
-
-def temperature_column(columns: dict[str, Vector]) -> str:
-    """The column that tells the temperature of the wire: its own where it is imposed, else that of the room."""
-    return 'T_K' if 'T_K' in columns else 'T_E_K'
 
 
 def plateau_of(way: tuple[Vector, Vector]) -> tuple[Vector, NDArray[np.bool_]]:

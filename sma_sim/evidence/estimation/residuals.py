@@ -300,7 +300,8 @@ def model_columns(config: Config, recording: Recording | FitData, nuisance: Nuis
     """
     source, trajectory, index = simulated(config, recording, nuisance)
     shown = inputs_at(source, trajectory.time) | trajectory.columns
-    shown |= {CHANNEL_COLUMNS[name]: trajectory[CHANNEL_COLUMNS[name]] for name in measured_resistances(recording)}
+    resistances = (CHANNEL_COLUMNS[name] for name in recording.channels if is_resistance(name))
+    shown |= {column: trajectory[column] for column in resistances}
     columns = {name: column[index] for name, column in shown.items()}
     if nuisance and nuisance.unknown_zero and isinstance(recording, FitData):
         columns['strain'] = columns['strain'] + strain_zero(recording, columns['strain'])
@@ -309,11 +310,6 @@ def model_columns(config: Config, recording: Recording | FitData, nuisance: Nuis
         rows = np.array([columns[name] for name in names])
         columns |= dict(zip(names, rows + baseline(recording, rows), strict=True))
     return columns
-
-
-def measured_resistances(recording: Recording | FitData) -> list[str]:
-    """The channels of a recording that are resistances."""
-    return [name for name in recording.channels if is_resistance(name)]
 
 
 def simulated(

@@ -27,7 +27,7 @@ def parameters_section(
     `before`: the values that were given; `calibrated`: those of a fit of the same model without further effects.
     """
     uncertainty = found.uncertainty
-    rows = [parameter_row(found, name, unit, before) for name, unit in fitted_names(found)]
+    rows = [parameter_row(found, one.name, one.unit, before) for one in found.free]
     header: tuple[str, ...] = PARAMETER_HEADER
     if calibrated is not None:
         header = (*header, CALIBRATED)
@@ -50,11 +50,6 @@ def parameters_section(
             Plot(correlation_figure(uncertainty), 'Correlation of the estimates.', 130 + 26 * len(uncertainty.intervals))
         )
     return Section('Parameters', [*blocks, *by_run_blocks(found.by_run)])
-
-
-def fitted_names(found: Calibration) -> list[tuple[str, str]]:
-    """Fitted parameters and their units."""
-    return [(parameter.name, parameter.unit) for parameter in found.free]
 
 
 def parameter_row(found: Calibration, name: str, unit: str, before: Mapping[str, float]) -> tuple[str, ...]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.search.equations import Proposal
 from sma_sim.evidence.symbolic_regression.partial_residuals import PartialResidualPlot
@@ -45,7 +43,7 @@ def proposed_section(found: Diagnosis, proposal: Proposal) -> Section:
             formula['formula'],
             f'{formula["error"]:.3f}',
             f'{100 * formula["stability"]:.0f} %',
-            values_line(formula['parameters']),
+            ', '.join(f'{name} = {value:.3g}' for name, value in formula['parameters'].items()),
         )
         for formula in map(ranked, proposal.ranking)
         if formula['error'] is not None
@@ -60,11 +58,6 @@ def proposed_section(found: Diagnosis, proposal: Proposal) -> Section:
         Table(('formula', 'normalized RMSE', 'chosen', 'parameters'), others, FORMULAS_CAPTION),
     ]
     return Section('Proposed equation', blocks)
-
-
-def values_line(values: Mapping[str, float]) -> str:
-    """Fitted values in a line."""
-    return ', '.join(f'{name} = {value:.3g}' for name, value in values.items())
 
 
 def rivals_sentence(proposal: Proposal) -> str:
