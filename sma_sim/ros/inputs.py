@@ -14,13 +14,12 @@ from std_msgs.msg import Float64
 
 from sma_sim.evidence.data.rosbag.interface import APPLIED
 from sma_sim.model.config import Config
-from sma_sim.ros.command import Ambient
+from sma_sim.ros.command import Ambient, SetPoint, heating_command
 from sma_sim.ros.inbox import Inbox
 from sma_sim.ros.messages import Messages
 from sma_sim.ros.publishers import Publishers
 from sma_sim.ros.qos import LAST_FEW, make_subscription
 from sma_sim.ros.stamped import SUFFIX, StampedCommands
-from sma_sim.ros.wire_commands import SetPoint, WireCommands, heating_command
 
 AMBIENT = 'ambient_temperature'
 
@@ -28,12 +27,12 @@ AMBIENT = 'ambient_temperature'
 class Inputs:
     """The input of a run, step by step; what is applied is published when it changes."""
 
-    def __init__(self, node: Node, config: Config, publishers: Publishers) -> None:
+    def __init__(self, node: Node, config: Config, publishers: Publishers, messages: Messages) -> None:
         structure, numbers = config.structure.structure, config.parameters
         self.command = heating_command(node, structure, numbers['node.J_max'], numbers['node.command_timeout'])
         self.ambient = Ambient(node, numbers['environment.T_E'])
         self.set_points = [SetPoint(node, drive, numbers['environment.T_E']) for drive in structure.drives]
-        self._publishers, self._messages = publishers, Messages(structure)
+        self._publishers, self._messages = publishers, messages
         self._heating_applied = f'{self.command.topic}{APPLIED}'
         self._points: list[float] = []
         self._names = structure.commands
@@ -79,7 +78,7 @@ class Inputs:
 
     def forget(self) -> None:
         """Publish what is applied at the next step, whether it changes or not."""
-        self._applied: Any = None
+        self._applied: tuple[float, ...] | None = None
         self._applied_T_E = math.nan
         self._applied_points = [math.nan] * len(self.set_points)
         self.vector = self.at_start
@@ -100,8 +99,7 @@ class Inputs:
                 self._applied_points[k], changed = value, True
                 send(f'{self.set_points[k].topic}{APPLIED}', stamp, now, Float64(data=value))
         if changed:
-            heating = [J] if isinstance(J, float) else J
-            self.vector = np.array([*points, *heating, T_E])
+            self.vector = np.array([*points, *J, T_E])
 
     def record(self, now: int) -> None:
         """Write what is applied to a bag that begins, with the log time [ns]."""
@@ -116,8 +114,7 @@ class Inputs:
     def values(self) -> dict[str, Any]:
         """What diagnostics tell of the input."""
         command, points = self.command, self.set_points
-        applied = self._applied if self._applied is not None else math.nan
-        numbers = [applied] if isinstance(applied, float) else applied
+        numbers = self._applied or (math.nan,)
         values = {
             'command': command.state,
             'command timeouts': command.timeouts,
@@ -129,10 +126,11 @@ class Inputs:
         }
         for point, value in zip(points, self._applied_points, strict=True):
             values[f'{point.topic} applied'] = f'{value:g}'
-        if isinstance(command, WireCommands) or points:
+        if command.kind is not Float64 or points:
             refusals = [refusal for refusal in (command.refusal, *(point.refusal for point in points)) if refusal]
             values['last refused command'] = '; '.join(refusals) or 'none'
         return values
 
     def _heating_message(self) -> Any:
-        return Float64(data=self._applied) if isinstance(self._applied, float) else self._messages.heating(self._applied)
+        J = self._applied or ()
+        return Float64(data=J[0]) if self.command.kind is Float64 else self._messages.heating(J)

@@ -68,12 +68,12 @@ def markers(stamp: Time, frame: str, row: NDArray[Any], modes: Sequence[int], be
     return MarkerArray(markers=lines)
 
 
-def picture_of(config: Config, frame: str) -> Picture:
-    """What draws a structure with these parameters."""
+def picture_of(config: Config, frame: str, made: Messages) -> Picture:
+    """What draws a structure with these parameters from samples, which `made` reads."""
     if config.structure.structure is MODULE:
         beam, h = beam_constants(config.parameters), config.parameters['beam.h']
         return lambda stamp, row, modes: markers(stamp, frame, row, modes, beam, h)
-    sketch, made = Sketch(config.structure.structure, config.parameters), Messages(config.structure.structure)
+    sketch = Sketch(config.structure.structure, config.parameters)
 
     def draw(stamp: Time, row: NDArray[Any], modes: Sequence[int]) -> MarkerArray:
         header = Header(stamp=stamp, frame_id=frame)

@@ -59,9 +59,9 @@ class ModuleSimulation:
         self._picture_every = self._every * math.ceil(numbers['node.publish_rate'] / MARKER_RATE)
         self._model = Model(config)
         structure = self._model.structure
-        self._messages = Messages(structure)
-        self._publishers = Publishers(node, config, self._is_clock)
-        self._inputs = Inputs(node, config, self._publishers)
+        self._messages = Messages(structure, bool(config.settings['node.publish_resistances']))
+        self._publishers = Publishers(node, config, self._is_clock, self._messages)
+        self._inputs = Inputs(node, config, self._publishers, self._messages)
         self._new_run()
         for note in self._run.notes:
             self._logger.info(note)

@@ -33,11 +33,10 @@ CDR_HEAD, STAMP = 4, Struct('<iI')  # a message serialized by ROS: bytes before 
 TRUE_POSE = 'true_joint_states'  # beside joint_states while a sensing effect is active
 
 
-def sample_topics(structure: Structure, resistances: bool = False) -> dict[str, Any]:
+def sample_topics(made: Messages) -> dict[str, Any]:
     """Message types of what is published with every sample, by topic."""
-    made = Messages(structure, resistances)
     return {
-        **({'joint_states': JointState} if structure.coordinates else {}),
+        **({'joint_states': JointState} if made.joint_names else {}),
         'wire_states': JointState,
         **dict.fromkeys(made.measured_topics, Float64MultiArray),
         'wire_modes': UInt8MultiArray,
@@ -67,17 +66,17 @@ def restamped(cdr: bytes, stamp: int) -> bytes:
 class Publishers:
     """Publishers of all topics and, while there is one, the recorder."""
 
-    def __init__(self, node: Node, config: Config, clock: bool) -> None:
+    def __init__(self, node: Node, config: Config, clock: bool, messages: Messages) -> None:
         structure = config.structure.structure
         resistances = bool(config.settings['node.publish_resistances'])
-        self._messages = Messages(structure, resistances)
-        self._picture = picture_of(config, frame_of(node.get_namespace()))
+        self._messages = messages
+        self._picture = picture_of(config, frame_of(node.get_namespace()), messages)
         self._frame_prefix = frame_prefix(node.get_namespace())
         self._joint_prefix = str(config.settings['node.joint_prefix'])
         senses = any(active.found.effect.port == 'sensing' for active in config.effects)
         true_pose = {TRUE_POSE: JointState} if senses and structure.coordinates else {}
         changes = change_topics(structure)
-        kinds = {**sample_topics(structure, resistances), **true_pose, **changes}
+        kinds = {**sample_topics(messages), **true_pose, **changes}
         self._stamps = bool(config.settings['node.stamped_topics'])
         self._variants = variants_of(structure, resistances)
         kinds |= {name + SUFFIX: variant.kind for name, variant in self._variants.items() if self._stamps}

@@ -29,10 +29,9 @@ from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import DEFAULTS
 from sma_sim.model.structures.structure import Structure
-from sma_sim.ros.command import WARNING_PERIOD, Ambient
+from sma_sim.ros.command import WARNING_PERIOD, Ambient, SetPoint, heating_command
 from sma_sim.ros.control import DIAGNOSTICS_PERIOD
 from sma_sim.ros.qos import LATEST
-from sma_sim.ros.wire_commands import SetPoint, heating_command
 
 Vector = NDArray[np.float64]
 Queue = deque[tuple[int, Any]]

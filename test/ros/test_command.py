@@ -9,8 +9,7 @@ import pytest
 
 pytest.importorskip('rclpy', reason='rclpy is not installed')
 from sma_sim.model.structures.structure import Drive  # noqa: E402
-from sma_sim.ros.command import Command  # noqa: E402
-from sma_sim.ros.wire_commands import SetPoint, WireCommands  # noqa: E402
+from sma_sim.ros.command import Command, SetPoint  # noqa: E402
 
 J_MAX, TIMEOUT = 40.0, 0.5
 ALTERNATIONS = 2_000
@@ -39,14 +38,14 @@ def send(command, value):
 def test_a_command_holds_until_its_timeout():
     logger = Logger()
     command = command_with(logger)
-    assert command.at(0.0) == 0.0
+    assert command.at(0.0) == (0.0,)
     send(command, 5.0)
     send(command, 7.0)
-    assert [command.at(t) for t in (1.0, 1.4, 1.5)] == [7.0] * 3 and not logger.warnings
-    assert command.at(1.6) == 0.0 and command.at(9.0) == 0.0 and len(logger.warnings) == 1
+    assert [command.at(t) for t in (1.0, 1.4, 1.5)] == [(7.0,)] * 3 and not logger.warnings
+    assert command.at(1.6) == command.at(9.0) == (0.0,) and len(logger.warnings) == 1
     send(command, 3.0)
     command.clear()
-    assert command.at(10.0) == 0.0
+    assert command.at(10.0) == (0.0,)
 
 
 @pytest.mark.parametrize('value', [5.0, -60.0])
@@ -54,10 +53,10 @@ def test_a_command_that_arrives_while_the_heating_is_turned_off_is_kept(value):
     logger = Logger()
     command = command_with(logger)
     send(command, 9.0)
-    assert command.at(0.0) == 9.0
+    assert command.at(0.0) == (9.0,)
     logger.hook = lambda: (setattr(logger, 'hook', lambda: None), send(command, value))
-    assert command.at(1.0) == 0.0
-    assert command.at(1.001) == command.at(1.4) == max(value, -J_MAX)
+    assert command.at(1.0) == (0.0,)
+    assert command.at(1.001) == command.at(1.4) == (max(value, -J_MAX),)
 
 
 def test_no_command_is_lost_between_two_threads():
@@ -71,7 +70,7 @@ def test_no_command_is_lost_between_two_threads():
         t = 0.0
         while not stop.is_set():
             t += 1.0
-            value = command.at(t)
+            (value,) = command.at(t)
             if value:
                 seen[0] = value
 
@@ -100,7 +99,7 @@ def heating(*J, sizes=(), offset=0):
 
 def test_every_wire_has_a_command_of_its_own():
     logger = Logger()
-    command = WireCommands(SimpleNamespace(get_logger=lambda: logger), J_MAX, TIMEOUT, 3)
+    command = Command(SimpleNamespace(get_logger=lambda: logger), J_MAX, TIMEOUT, 3, False, 'J')
     assert command.at(0.0) == (0.0, 0.0, 0.0)
     command.receive(heating(1.0, 0.0, 99.0, sizes=(3,)))
     assert command.at(0.1) == (1.0, 0.0, J_MAX) and command.clipped == 1
@@ -124,7 +123,7 @@ def test_every_wire_has_a_command_of_its_own():
 )
 def test_heating_that_cannot_be_meant_is_refused_as_a_whole(message, reason):
     logger = Logger()
-    command = WireCommands(SimpleNamespace(get_logger=lambda: logger), J_MAX, TIMEOUT, 2)
+    command = Command(SimpleNamespace(get_logger=lambda: logger), J_MAX, TIMEOUT, 2, False, 'J')
     command.receive(heating(3.0, 4.0))
     command.receive(message)
     assert command.at(0.0) == (3.0, 4.0) and command.rejected == 1 and not command.clipped
@@ -146,7 +145,7 @@ def test_a_set_point_holds_and_one_out_of_range_is_refused():
 
 def test_pairs_in_series_have_a_command_of_either_sign_each():
     logger = Logger()
-    command = WireCommands(SimpleNamespace(get_logger=lambda: logger), J_MAX, TIMEOUT, 3, signed=True)
+    command = Command(SimpleNamespace(get_logger=lambda: logger), J_MAX, TIMEOUT, 3, topic='J')
     command.receive(heating(-99.0, 0.0, 2.0))
     assert command.at(0.0) == (-J_MAX, 0.0, 2.0) and command.clipped == 1
     command.receive(heating(1.0, 2.0))

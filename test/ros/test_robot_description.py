@@ -23,6 +23,7 @@ from std_msgs.msg import String  # noqa: E402
 from sma_sim.evidence.data.rosbag.interface import prefix_of  # noqa: E402
 from sma_sim.evidence.data.rosbag.reader import read_bag  # noqa: E402
 from sma_sim.model.structures.module import STRUCTURE as MODULE  # noqa: E402
+from sma_sim.ros.messages import Messages  # noqa: E402
 from sma_sim.ros.publishers import sample_topics  # noqa: E402
 from sma_sim.ros.urdf import TopicControl, urdf_of  # noqa: E402
 
@@ -147,7 +148,7 @@ def test_rviz_shows_topics_of_the_node_in_its_frame():
     manager = yaml.safe_load((ROOT / 'rviz' / 'sma_module.rviz').read_text())['Visualization Manager']
     displays = {display['Name']: display for display in manager['Displays']}
     assert manager['Global Options']['Fixed Frame'] == beam_links(VALUES).links[0].name
-    assert displays['MarkerArray']['Topic']['Value'] in sample_topics(MODULE)
+    assert displays['MarkerArray']['Topic']['Value'] in sample_topics(Messages(MODULE))
     assert displays['RobotModel']['Description Topic']['Value'] == 'robot_description'
     assert displays['RobotModel']['Description Topic']['Durability Policy'] == 'Transient Local'
 
