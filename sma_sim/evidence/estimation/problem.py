@@ -57,10 +57,6 @@ class Problem:
     delay_range: tuple[float, float] = (DELAY.low, DELAY.high)
     material: str = ''
 
-    def wires(self, run: FitData) -> int:
-        """Wires whose start is unknown in a run."""
-        return run.starts
-
     @property
     def shared(self) -> tuple[FreeParameter, ...]:
         """The unknowns of all runs together."""

@@ -60,7 +60,7 @@ def stepped(
 def differing(base: FitResult, taken: Collection[str], context: SearchContext) -> list[Proposal]:
     """What may differ between the recordings, where there are several in the order of time."""
     problem = base.problem
-    if len(problem.runs) < 2 or any(problem.wires(run) == 0 for run in problem.runs):
+    if len(problem.runs) < 2 or any(run.starts == 0 for run in problem.runs):
         return []
     found = [(one.gain, difference_component(one.difference, problem)) for one in promises(problem, base.z, context)]
     return promising(

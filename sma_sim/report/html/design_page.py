@@ -12,7 +12,7 @@ from sma_sim.evidence.data.display_units import DISPLAY_UNITS, in_display_unit
 from sma_sim.evidence.experiment_design.curves import HypothesisCurves, best_hypothesis
 from sma_sim.evidence.experiment_design.plan import Plan
 from sma_sim.evidence.experiment_design.sequences import as_rows
-from sma_sim.report.html.figures import new_figure, small
+from sma_sim.report.html.figures import add_curve, new_figure, small
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Provenance, Section, Table, write_page
 from sma_sim.report.palette import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY
 from sma_sim.words.experiment_design import channels_sentence, indistinguishable_sentences
@@ -119,17 +119,8 @@ def channel_figure(plan: Plan) -> tuple[Any, int]:
     heights = [COMMAND_HEIGHT] + [CHANNEL_HEIGHT] * len(plan.run.channels)
     figure = new_figure(len(heights), [height / sum(heights) for height in heights], gap=0.015)
     times, levels = as_rows(plan.levels, plan.grid)
-    figure.add_scatter(
-        x=small(times),
-        y=small(np.append(levels[:-1], levels[-2])),
-        mode='lines',
-        name='command',
-        showlegend=False,
-        line={'color': ORANGE, 'width': 1.4, 'shape': 'hv'},
-        hovertemplate='%{y:.4g} W at %{x:.2f} s',
-        row=1,
-        col=1,
-    )
+    line, curve = {'color': ORANGE, 'width': 1.4, 'shape': 'hv'}, (small(times), np.append(levels[:-1], levels[-2]))
+    add_curve(figure, curve, 'command', line, '%{y:.4g} W at %{x:.2f} s', showlegend=False)
     figure.update_xaxes(title_text='time [s]', row=len(heights), col=1)
     figure.update_xaxes(range=[0.0, plan.grid.length])
     figure.update_yaxes(title_font_size=11, tickfont_size=10, nticks=5)
@@ -160,18 +151,8 @@ def draw_prediction(figure: Any, plan: Plan, hypothesis: HypothesisCurves, chann
         row=row,
         col=1,
     )
-    figure.add_scatter(
-        x=small(time),
-        y=small(mean),
-        mode='lines',
-        name=hypothesis.name,
-        legendgroup=hypothesis.name,
-        showlegend=channel == 0,
-        line={'color': colour, 'width': 1.3},
-        hovertemplate=f'%{{y:.4g}} {unit} at %{{x:.2f}} s',
-        row=row,
-        col=1,
-    )
+    hover, line = f'%{{y:.4g}} {unit} at %{{x:.2f}} s', {'color': colour, 'width': 1.3}
+    add_curve(figure, (small(time), mean), hypothesis.name, line, hover, row, showlegend=channel == 0)
 
 
 def remainder_plot(plan: Plan, curves: Sequence[HypothesisCurves]) -> Plot:
@@ -179,18 +160,9 @@ def remainder_plot(plan: Plan, curves: Sequence[HypothesisCurves]) -> Plot:
     figure, height = channel_figure(plan)
     for number, rival in enumerate(curves):
         for channel, values in enumerate(() if rival.remainder is None else rival.remainder):
-            figure.add_scatter(
-                x=small(plan.run.time),
-                y=small(values),
-                mode='lines',
-                name=rival.name,
-                legendgroup=rival.name,
-                showlegend=channel == 0,
-                line={'color': colour_of(number), 'width': 1.2},
-                hovertemplate='%{y:.2f} x noise at %{x:.2f} s',
-                row=channel + 2,
-                col=1,
-            )
+            hover, line = '%{y:.2f} x noise at %{x:.2f} s', {'color': colour_of(number), 'width': 1.2}
+            curve = small(plan.run.time), values
+            add_curve(figure, curve, rival.name, line, hover, channel + 2, showlegend=channel == 0)
     for channel, name in enumerate(plan.run.channels):
         figure.add_hrect(y0=-1, y1=1, fillcolor=GREY, opacity=0.15, line_width=0, row=channel + 2, col=1)
         figure.update_yaxes(title_text=name, row=channel + 2, col=1)

@@ -50,6 +50,19 @@ def empty_figure(rows: int, heights: tuple[float, ...] | None, gap: float) -> An
     return figure
 
 
+def add_curve(
+    figure: Any, curve: tuple[Any, Any], name: str, line: dict[str, Any], hover: str, row: int = 1, **more: Any
+) -> None:
+    """A line through x and y in one of the rows of axes; those of one name are switched together."""
+    x, y = curve
+    figure.add_scatter(
+        **{'x': x, 'y': small(y), 'name': name, 'legendgroup': name, 'mode': 'lines', 'line': line, 'hovertemplate': hover},
+        **more,
+        row=row,
+        col=1,
+    )
+
+
 def log_axis(low: float, high: float) -> dict[str, Any]:
     """A logarithmic axis from `low` to `high` (both above 0), labelled such that several ticks have their number."""
     ends = [math.log10(low), math.log10(high)]

@@ -7,7 +7,7 @@ import numpy as np
 from sma_sim.evidence.data.display_units import DISPLAY_UNITS, ZERO_CELSIUS
 from sma_sim.evidence.residual_analysis.compare import ComparedRun, Comparison
 from sma_sim.model.structures.structure import Structure
-from sma_sim.report.html.figures import MEASURED, SHOWN, new_figure, small
+from sma_sim.report.html.figures import MEASURED, SHOWN, add_curve, new_figure, small
 from sma_sim.report.html.page import Grid, Paragraph, Plot, Section
 
 MAX_LOOP_RUNS = 24
@@ -56,14 +56,8 @@ def loop_figure(run: ComparedRun, loop: tuple[str, str, float, str, float]) -> o
         ('measured', run.measured[channel], MEASURED, 2.2),
         ('model', run.predicted[channel], SHOWN, 1.3),
     ):
-        figure.add_scatter(
-            x=x,
-            y=small(factor * values[at]),
-            name=name,
-            mode='lines',
-            line={'color': colour, 'width': width},
-            hovertemplate=f'%{{y:.4g}} {unit} at %{{x:.4g}}',
-        )
+        hover, line = f'%{{y:.4g}} {unit} at %{{x:.4g}}', {'color': colour, 'width': width}
+        add_curve(figure, (x, factor * values[at]), name, line, hover)
     figure.update_layout(margin_r=10)
     figure.update_xaxes(title_text=label)
     figure.update_yaxes(title_text=f'{channel} [{unit}]')

@@ -9,7 +9,7 @@ import numpy as np
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.latent_input.results import InputFinding, LatentInputs
 from sma_sim.report.html.data import data_section
-from sma_sim.report.html.figures import SHOWN, new_figure, small
+from sma_sim.report.html.figures import SHOWN, add_curve, new_figure, small
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Provenance, Section, Table, Tabs, write_page
 from sma_sim.report.palette import GREY
 from sma_sim.words.latent_input import RANKING_HEADER, ranking_rows, verdict_sentences
@@ -92,18 +92,8 @@ def input_plot(finding: InputFinding) -> Plot:
             row=row,
             col=1,
         )
-        figure.add_scatter(
-            x=small(estimate.time),
-            y=small(estimate.mean),
-            mode='lines',
-            line={'color': SHOWN, 'width': 1.5},
-            name='estimate',
-            legendgroup='mean',
-            showlegend=row == 1,
-            hovertemplate=f'%{{y:.3g}} {estimate.port.unit} at %{{x:.1f}} s',
-            row=row,
-            col=1,
-        )
+        hover, line = f'%{{y:.3g}} {estimate.port.unit} at %{{x:.1f}} s', {'color': SHOWN, 'width': 1.5}
+        add_curve(figure, (small(estimate.time), estimate.mean), 'estimate', line, hover, row, showlegend=row == 1)
         figure.add_hline(y=0.0, line={'color': GREY, 'width': 1}, row=row, col=1)
         figure.update_yaxes(
             title_text=f'{estimate.port.name}<br>{estimate.run} [{estimate.port.unit}]', automargin=True, row=row, col=1

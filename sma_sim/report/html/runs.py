@@ -12,7 +12,7 @@ from sma_sim.evidence.residual_analysis.compare import ComparedRun, Comparison
 from sma_sim.evidence.residual_analysis.summary import Summary
 from sma_sim.evidence.residual_analysis.wire_states import RESTING, wires_of
 from sma_sim.model.structures.structure import Structure
-from sma_sim.report.html.figures import MEASURED, SHOWN, envelope, new_figure, small, stretches
+from sma_sim.report.html.figures import MEASURED, SHOWN, add_curve, envelope, new_figure, small, stretches
 from sma_sim.report.html.page import Block, Paragraph, Plot, Section, Tabs
 from sma_sim.report.palette import MODE_COLOURS, MODE_NAMES, ORANGE
 
@@ -92,31 +92,10 @@ def draw_channel(figure: Any, run: ComparedRun, channel: str, row: int, points: 
     time, first = small(run.time[at]), row == 1
     curves = (('measured', run.measured[channel], MEASURED, 2.2), ('model', run.predicted[channel], SHOWN, 1.2))
     for name, values, colour, width in curves:
-        figure.add_scatter(
-            x=time,
-            y=small(factor * values[at]),
-            name=name,
-            legendgroup=name,
-            showlegend=first,
-            mode='lines',
-            line={'color': colour, 'width': width},
-            hovertemplate=f'%{{y:.4g}} {unit} at %{{x:.2f}} s',
-            row=row,
-            col=1,
-        )
-    noise = run.noise[channel]
-    figure.add_scatter(
-        x=time,
-        y=small(run.residual(channel)[at] / noise),
-        name='residual',
-        legendgroup='residual',
-        showlegend=first,
-        mode='lines',
-        line={'color': '#5b5f66', 'width': 1},
-        row=row + 1,
-        col=1,
-        hovertemplate='%{y:.2f} x noise at %{x:.2f} s',
-    )
+        hover, line = f'%{{y:.4g}} {unit} at %{{x:.2f}} s', {'color': colour, 'width': width}
+        add_curve(figure, (time, factor * values[at]), name, line, hover, row, showlegend=first)
+    left, line = run.residual(channel)[at] / run.noise[channel], {'color': '#5b5f66', 'width': 1}
+    add_curve(figure, (time, left), 'residual', line, '%{y:.2f} x noise at %{x:.2f} s', row + 1, showlegend=first)
     figure.add_hrect(y0=-2, y1=2, fillcolor=SHOWN, opacity=0.12, line_width=0, row=row + 1, col=1)
     figure.update_yaxes(title_text=f'{channel} [{unit}]', row=row, col=1)
     figure.update_yaxes(title_text='res.', row=row + 1, col=1)
@@ -127,18 +106,8 @@ def draw_input(figure: Any, run: ComparedRun, column: str, factor: float, row: i
     values = factor * run.states[column]
     held = column != 'strain'
     at = np.unique(np.concatenate(stretches(np.unique(values, return_inverse=True)[1]))) if held else envelope(values, 800)
-    figure.add_scatter(
-        x=small(run.time[at]),
-        y=small(values[at]),
-        name='command',
-        legendgroup='command',
-        showlegend=False,
-        mode='lines',
-        line={'color': ORANGE, 'width': 1.4, **({'shape': 'hv'} if held else {})},
-        row=row,
-        col=1,
-        hovertemplate='%{y:.4g} at %{x:.2f} s',
-    )
+    line, curve = {'color': ORANGE, 'width': 1.4, **({'shape': 'hv'} if held else {})}, (small(run.time[at]), values[at])
+    add_curve(figure, curve, 'command', line, '%{y:.4g} at %{x:.2f} s', row, showlegend=False)
 
 
 def draw_mode_bars(figure: Any, run: ComparedRun, wires: dict[str, str], row: int) -> None:

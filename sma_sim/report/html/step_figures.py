@@ -13,7 +13,7 @@ from sma_sim.evidence.residual_analysis.compare import ComparedRun
 from sma_sim.evidence.residual_analysis.metrics import ChannelScore, error_over_noise
 from sma_sim.evidence.search.steps import CandidateFit
 from sma_sim.model.parameters import Parameter
-from sma_sim.report.html.figures import MEASURED, SHOWN, envelope, log_axis, new_figure, small
+from sma_sim.report.html.figures import MEASURED, SHOWN, add_curve, envelope, log_axis, new_figure, small
 from sma_sim.report.html.page import Plot
 from sma_sim.report.palette import BLUE, GREY, ORANGE, PURPLE
 
@@ -34,30 +34,11 @@ def change_plot(change: StageChange, given: ComparedRun) -> Plot:
     curves = [('measured', change.before.measured[channel], MEASURED, 3.0)]
     curves += [(name, run.predicted[channel], colour, width) for name, run, colour, width in models]
     for name, values, colour, width in curves:
-        figure.add_scatter(
-            x=time,
-            y=small(factor * values[at]),
-            name=name,
-            legendgroup=name,
-            mode='lines',
-            line={'color': colour, 'width': width},
-            hovertemplate=f'%{{y:.4g}} {unit} at %{{x:.2f}} s',
-            row=1,
-            col=1,
-        )
+        hover, line = f'%{{y:.4g}} {unit} at %{{x:.2f}} s', {'color': colour, 'width': width}
+        add_curve(figure, (time, factor * values[at]), name, line, hover)
     for name, run, colour, _ in models:
-        figure.add_scatter(
-            x=time,
-            y=over_noise(run, channel, at),
-            name=name,
-            legendgroup=name,
-            showlegend=False,
-            mode='lines',
-            line={'color': colour, 'width': 1},
-            hovertemplate='%{y:.2f} x noise at %{x:.2f} s',
-            row=2,
-            col=1,
-        )
+        hover, line = '%{y:.2f} x noise at %{x:.2f} s', {'color': colour, 'width': 1}
+        add_curve(figure, (time, over_noise(run, channel, at)), name, line, hover, 2, showlegend=False)
     figure.update_yaxes(title_text=f'{channel} [{unit}]', row=1, col=1)
     figure.update_yaxes(title_text='res. / noise', nticks=5, row=2, col=1)
     figure.update_xaxes(title_text='time [s]', row=2, col=1)
