@@ -28,9 +28,10 @@ from numpy.typing import NDArray
 from sma_sim.challenge.draw import UNCERTAIN_PARAMETERS, draw_parameters, draw_random_command, named_truth
 from sma_sim.challenge.robot import NOISE_STD, ROBOT_RTOL
 from sma_sim.evidence.monitoring.causes import Cause, causes_for
+from sma_sim.evidence.monitoring.live_criteria import CHECKPOINT
 from sma_sim.evidence.monitoring.live_diagnosis import LiveDiagnosis, LiveFinding
 from sma_sim.evidence.monitoring.live_model import ComparedSample, InputChange
-from sma_sim.evidence.monitoring.past import CHECKPOINT, continued, ignore, shifted
+from sma_sim.evidence.monitoring.past import continued, ignore, shifted
 from sma_sim.model.config import Config
 from sma_sim.solver.inputs import Input
 from sma_sim.solver.model import Model

@@ -18,6 +18,7 @@ from sma_sim.evidence.monitoring.live_model import ComparedSample
 from sma_sim.model.config import Config
 from sma_sim.ros.messages import stamp_of
 from sma_sim.ros.qos import LAST_FEW, make_publisher
+from sma_sim.words.json_values import finite
 
 if TYPE_CHECKING:  # a check runs without the packages that a diagnosis needs
     from sma_sim.evidence.monitoring.live_diagnosis import LiveDiagnosis, LiveFinding
@@ -82,7 +83,7 @@ class CauseWatch:
                     self._tell(found)
 
     def _publish(self, found: LiveFinding) -> None:
-        data, words = json.dumps(found.as_data()), str(found)
+        data, words = json.dumps(finite(found.as_data())), str(found)
         status = DiagnosticStatus(
             level=DiagnosticStatus.WARN if found.is_of_robot else DiagnosticStatus.OK,
             name=self._node.get_fully_qualified_name(),
@@ -110,5 +111,7 @@ class CauseWatch:
             powers = [most] * structure.wires
         found = None if self._diagnosis is None else self._diagnosis.deciding_command(powers)
         response.success = found is not None
-        response.message = 'nothing to tell apart: fewer than two causes' if found is None else json.dumps(found.as_data())
+        response.message = (
+            'nothing to tell apart: fewer than two causes' if found is None else json.dumps(finite(found.as_data()))
+        )
         return response

@@ -7,9 +7,10 @@ import pytest
 
 import sma_sim
 from sma_sim.evidence.monitoring.causes import causes_for
+from sma_sim.evidence.monitoring.live_criteria import BIN, SPAN
 from sma_sim.evidence.monitoring.live_diagnosis import CHANGE, INSTANTS, LiveDiagnosis
 from sma_sim.evidence.monitoring.live_model import ComparedSample, InputChange
-from sma_sim.evidence.monitoring.past import BIN, SPAN, Prior, Window, continued, shifted
+from sma_sim.evidence.monitoring.past import Prior, Window, continued, shifted
 from sma_sim.evidence.search.score import UNLISTED
 from sma_sim.solver.inputs import Input
 

@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.monitoring.past import BIN, Window
+from sma_sim.evidence.monitoring.live_criteria import BIN, DURATIONS, PARTS
+from sma_sim.evidence.monitoring.past import Window
 from sma_sim.evidence.search.posterior import TIE
 from sma_sim.solver.model import Model
 
 Vector = NDArray[np.float64]
-DURATIONS = (3.0, 6.0, 12.0, 25.0, 50.0)  # [s] of heating, after which the wires cool for as long
-PARTS = (1.0, 0.5)  # of the most power
 
 
 @dataclass(frozen=True)

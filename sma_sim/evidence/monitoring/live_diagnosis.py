@@ -34,8 +34,34 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.monitoring.causes import ROOM, Cause, one_way_each
 from sma_sim.evidence.monitoring.deciding_command import ChangedModel, DecidingCommand, deciding_command
+from sma_sim.evidence.monitoring.live_criteria import (
+    AMOUNT,
+    BIN,
+    CALIBRATIONS,
+    CHANGE,
+    DAMPED,
+    DAMPING,
+    DECREASE,
+    EARLIER,
+    FEW_INSTANTS,
+    INSTANTS,
+    MEAN_TIME,
+    MOST_AMOUNT,
+    MOST_DAMPING,
+    MOVED,
+    ONSET_STD,
+    PARAMETER_STEP,
+    PROBED,
+    REFINED,
+    REFINEMENTS,
+    SHORTEST,
+    SKETCHED,
+    SKETCHES,
+    STEP,
+    UNSEEN,
+)
 from sma_sim.evidence.monitoring.live_model import ComparedSample
-from sma_sim.evidence.monitoring.past import BIN, CHECKPOINT, SHORTEST, STEP, Past, Prior, Track, Window
+from sma_sim.evidence.monitoring.past import Past, Prior, Track, Window
 from sma_sim.evidence.search.posterior import TIE
 from sma_sim.evidence.search.score import SPARSITY, UNLISTED
 from sma_sim.evidence.state_estimation.uncertain import configured, prior_correlation, uncertain_parameters
@@ -47,22 +73,6 @@ from sma_sim.solver.simulate import SimulationError
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
-MEAN_TIME = 86_400.0  # [s] between two changes of a robot, beforehand
-CHANGE = math.log(CHECKPOINT / MEAN_TIME)  # log prior of one between two looks
-AMOUNT = 2.0  # standard deviation of an amount, in steps: these are a third of what is realistic
-PROBED = (0.5, 1.5, 4.0)  # amounts [steps] at which a cause is looked at before it is fitted
-SKETCHED, SKETCHES = 10, 4  # causes that are simulated at their amounts, and the steps of their fits
-REFINED, REFINEMENTS = 5, 12  # causes that are fitted until nothing improves, and the most steps that this takes
-EARLIER = 20.0  # [s] than it shows, that a change may begin
-FEW_INSTANTS, INSTANTS = 5, 25  # from which a cause may start: of all causes, and of those that are simulated
-ONSET_STD = 10.0  # [s] of an instant that the data do not tell
-MOVED, MOVED_ONSET = 0.02, BIN  # differences of derivatives: of amounts in steps, [s]
-PARAMETER_STEP = 0.05  # of its standard deviation, by which a parameter is moved for derivatives
-CALIBRATIONS, CALIBRATED = 3, 0.05  # times that parameters are estimated anew at a look; their changes that end it
-DECREASE = 0.05  # of the log posterior, below which a fit has ended
-DAMPING, MOST_DAMPING, DAMPED = 1e-2, 1e6, 5.0  # of a step: at first, at most, and the factor of a change
-LEAST_AMOUNT, MOST_AMOUNT = 1e-3, 4.0 * AMOUNT  # [steps]: an amount does not change its sign
-UNSEEN = 0.01  # sum of the squares of a response to a step below which it tells nothing, in units of the noise
 NOTHING, NOT_LISTED = 'nothing', 'not listed'
 
 
@@ -106,14 +116,14 @@ class LiveFinding:
         return self.has_changed and self.findings[0].name != ROOM
 
     def as_data(self) -> dict[str, Any]:
-        """For JSON: stamps in seconds."""
+        """As plain data: stamps in seconds."""
         return {
             'stamp': self.stamp / 1e9,
             'since': None if self.since is None else self.since / 1e9,
             'changed': self.has_changed,
             'log_odds': self.log_odds,
-            'error': finite_or_none(self.error),
-            'left': finite_or_none(self.left),
+            'error': self.error,
+            'left': self.left,
             'probabilities': {one.name: one.probability for one in self.findings},
             'causes': [asdict(one) for one in self.findings],
         }
@@ -127,11 +137,6 @@ class LiveFinding:
         ago = (self.stamp - self.since) / 1e9
         errors = f'normalized RMSE of {BIN:g} s means {self.error:.2f}, {self.left:.2f} with it'
         return f'changed since about {ago:.0f} s: {said}; {errors}'
-
-
-def finite_or_none(value: float) -> float | None:
-    """A number for JSON."""
-    return value if math.isfinite(value) else None
 
 
 @dataclass(frozen=True)
@@ -278,7 +283,7 @@ class LiveDiagnosis:
             told: Vector = z + found.told(Prior(self._precision, z))[0]
             told = np.clip(told, [one.low for one in self._free], [one.high for one in self._free])
             moved, z = float(np.abs(told - z).max(initial=0.0)), told
-            if moved < CALIBRATED:
+            if moved < PARAMETER_STEP:
                 return window
             track = self._tracked(z)
             found = track.advance(heard)
@@ -405,7 +410,7 @@ class LiveDiagnosis:
             cost = 0.5 * (float(left @ left) + along**2 * weight)
             if along > 0.0 and cost < least:
                 best, scale, least = tried.onset, along, cost
-        amounts = np.clip(scale * start.amounts, LEAST_AMOUNT, MOST_AMOUNT)
+        amounts = np.clip(scale * start.amounts, 0.0, MOST_AMOUNT)
         found = self._at(part, start, amounts, best)
         return start if found is None or found.cost > start.cost else found
 
@@ -419,7 +424,7 @@ class LiveDiagnosis:
             precision = best.precision
             while damping <= MOST_DAMPING:
                 step = np.linalg.solve(precision + damping * np.diag(np.diag(precision)), gradient)
-                amounts = np.clip(best.amounts + step[:-1], LEAST_AMOUNT, MOST_AMOUNT)
+                amounts = np.clip(best.amounts + step[:-1], 0.0, MOST_AMOUNT)
                 onset = min(max(best.onset + float(step[-1]), 0.0), latest)
                 tried = self._at(part, best, amounts, onset)
                 if tried is not None and tried.cost < best.cost:
@@ -445,7 +450,7 @@ class LiveDiagnosis:
         if one is None:
             return None
         rows = np.zeros((len(one.amounts) + 1, len(one.left)))
-        later = MOVED_ONSET if one.onset + MOVED_ONSET <= latest else -MOVED_ONSET
+        later = BIN if one.onset + BIN <= latest else -BIN
         for j, moved in enumerate([*np.full(len(one.amounts), MOVED), later]):
             amounts, is_onset = one.amounts.copy(), j == len(one.amounts)
             if not is_onset:

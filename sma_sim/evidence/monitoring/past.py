@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.problem import LinearizedRun
+from sma_sim.evidence.monitoring.live_criteria import BIN, CHECKPOINT, SHORTEST, SPAN, STEP
 from sma_sim.evidence.search.score import unlisted_evidence
 from sma_sim.solver.effect_table import layout, state_scales
 from sma_sim.solver.inputs import Input
@@ -21,12 +22,6 @@ from sma_sim.solver.simulate import SimulationError, Trajectory, new_run, new_wo
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Change = tuple[float, int, float]  # from when on [s], which column of the input, its value
-
-BIN = 0.25  # [s] over which measurements are averaged: short beside wires, long beside a sampling interval
-SPAN = 300.0  # [s] of the past that is looked at, in which a change may begin
-CHECKPOINT = 10.0  # [s] between instants at which the state of the model is kept
-STEP = 1.0  # [s] to which the instant is found at which a change begins
-SHORTEST = 20  # bins that say something
 
 
 class Prior(NamedTuple):
@@ -172,8 +167,7 @@ class Window:
             onset = self.begin + onset - self.begin  # as the input has it, to rounding
             if onset > 0.0:
                 early = self.times[self.times - self.begin <= onset] - self.begin
-                run = simulate(base, self.input(base, self.begin + onset), np.union1d(early, onset), progress=ignore,
-                               initial_state=self.state, channels=base.structure.channels)  # fmt: skip
+                run = sampled(base, self.input(base, self.begin + onset), np.union1d(early, onset), self.state)
                 if not run.completed or run.state is None:
                     return None
                 later = self.since(self.begin + onset, shifted(run.state, onset))
@@ -181,16 +175,14 @@ class Window:
                 return None if rest is None else np.concatenate([self._over_noise(run, base, noise, len(early)), rest])
             source = self.input(model, self.end + BIN, warmer)
             start = None if self.state is None else continued(model, base, self.state, np.array(source.values[0]))
-            run = simulate(model, source, self.times - self.begin, progress=ignore, initial_state=start,
-                           channels=model.structure.channels)  # fmt: skip
+            run = sampled(model, source, self.times - self.begin, start)
         except SimulationError:
             return None
         return self._over_noise(run, model, noise, len(self.times)) if run.completed else None
 
     def _over_noise(self, run: Trajectory, model: Model, noise: Vector, count: int) -> Vector:
         """What sensors show in the first `count` bins, over noise, as `residuals`."""
-        values = np.column_stack([run.columns[name][:count] for name in model.structure.channel_columns])
-        found: Vector = (values / noise * self.root[:count])[self.root[:count] > 0.0]
+        found: Vector = (shown_by(run, model, count) / noise * self.root[:count])[self.root[:count] > 0.0]
         return found
 
 
@@ -286,18 +278,10 @@ class Track:
         asked = np.union1d(times, end - begin)
         found, states = [], []
         for model, before in zip((self.base, self._nominal, *self._moved), (state, *self._beside), strict=True):
-            run = simulate(
-                model,
-                later.input(model, end),
-                asked,
-                progress=ignore,
-                initial_state=before,
-                channels=model.structure.channels,
-            )
+            run = sampled(model, later.input(model, end), asked, before)
             if not run.completed or run.state is None:
                 raise SimulationError(run.reason)
-            values = np.column_stack([run.columns[name][: len(times)] for name in model.structure.channel_columns])
-            found.append(values / self._noise)
+            found.append(shown_by(run, model, len(times)) / self._noise)
             states.append(shifted(run.state, end - begin))
         base, nominal, *moved = found
         rows = np.array([base - nominal, *((one - base) / self._step for one in moved)])
@@ -307,6 +291,16 @@ class Track:
     def state_at(self, instant: float) -> tuple[float, Run | None]:
         """The last instant up to a given one at which the state of the model is known, and that state; None at the start."""
         return next(known for known in reversed(self._states) if known[0] <= instant + 1e-6)
+
+
+def sampled(model: Model, source: Input, times: Vector, state: Run | None) -> Trajectory:
+    """The channels of a model under an input at some times [s], from a state. Raises SimulationError."""
+    return simulate(model, source, times, progress=ignore, initial_state=state, channels=model.structure.channels)
+
+
+def shown_by(run: Trajectory, model: Model, count: int) -> Matrix:
+    """The first samples of all channels of a model (count, channels)."""
+    return np.column_stack([run.columns[name][:count] for name in model.structure.channel_columns])
 
 
 def ignore(share: float) -> None:
