@@ -3,7 +3,8 @@
 python benchmarks/dense.py [--turns 5] [--json FILE]
 
 A PI controller of alpha at 50 Hz, whose sensor has noise, follows a sine; the larger its gains, the more its command changes
-from row to row. Tangents are those of a fit, its residuals included. Errors of the simulation are against one at rtol 1e-8.
+from row to row. Tangents are those of a search, its residuals included, and its trial steps are made beside them. Errors of
+the simulation are against one at rtol 1e-8.
 """
 
 from __future__ import annotations
@@ -16,10 +17,9 @@ import numpy as np
 from common import DURATION, module, random_command, report
 from tangents import NOISE, timed
 
-from sma_sim import Input, Recording, module_input, simulate
-from sma_sim.evidence.estimation.free_parameters import choose_free
-from sma_sim.evidence.estimation.problem import Problem, linearize, start_point
-from sma_sim.evidence.estimation.residuals import fit_data
+from sma_sim import Dataset, FitOptions, Input, Recording, module_input, simulate
+from sma_sim.evidence.estimation.calibrate import problem_for
+from sma_sim.evidence.estimation.problem import linearize, near, residuals_at, start_point
 from sma_sim.solver.fixed_rate import FixedRateRun
 
 CONTROL_RATE, RATE, J_MAX, T_E = 50, 500, 15.0, 298.0
@@ -52,13 +52,16 @@ def times_of(model: str, command: Input, turns: int) -> dict[str, float]:
     exact = simulate(module(model, 1e-8), command, TIMES)
     channels = {'U_y': 'U_y_m', 'alpha': 'alpha_rad', 'F_1': 'F_1_N', 'F_2': 'F_2_N'}
     measured = {name: shown[column] for name, column in channels.items()}
-    run = fit_data(Recording('run', 'module', TIMES, measured, command), NOISE)
-    problem = Problem(made.config, (run,), choose_free(made.config)[0])
+    dataset = Dataset((Recording('run', 'module', TIMES, measured, command),), NOISE)
+    problem = problem_for(dataset, made.config, FitOptions(), 1)
     z = start_point(problem) + 0.05
     with ThreadPoolExecutor(1) as pool:
-        _, tangents = timed(lambda: linearize(problem, z, pool), turns)
+        (linear,), tangents = timed(lambda: linearize(problem, z, pool), turns)
+        nearby = near(problem, [linear.correction])
+        _, trial = timed(lambda: residuals_at(nearby, z + 0.01, pool), turns)
     return {
         'simulation_ms': simulation,
+        'trial_ms': trial,
         'tangents_ms': tangents,
         'steps': float(shown.steps),
         'alpha_error_deg': float(np.degrees(np.abs(shown['alpha_rad'] - exact['alpha_rad']).max())),
@@ -78,6 +81,7 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
             changes = float(np.std(np.diff(command.values[:, 0])))
             result[f'{model}, changes by {changes:.2g} W'] = dense | {
                 'simulation_ratio': dense['simulation_ms'] / few['simulation_ms'],
+                'trial_ratio': dense['trial_ms'] / few['trial_ms'],
                 'tangents_ratio': dense['tangents_ms'] / few['tangents_ms'],
             }
     return {'dense commands': result}

@@ -28,4 +28,6 @@ def held_until(segments: Segments, times: Vector) -> Segments:
     ends, values, slopes = segments
     if not len(times) or times[-1] <= ends[-1]:
         return segments
+    if len(ends) > 1 and not slopes[-2:].any() and np.array_equal(values[-1], values[-2]):
+        return np.append(ends[:-1], times[-1]), values, slopes
     return np.append(ends, times[-1]), np.vstack([values, values[-1:]]), np.vstack([slopes, slopes[-1:]])

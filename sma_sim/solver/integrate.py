@@ -300,8 +300,7 @@ def run_segment(run: Run, segment: Segment, p: System, w: Work, limits: Limits, 
 
 
 def first_step(run: Run, segment: Segment, p: System) -> float:
-    """The longest step to try first after a row [s]: AFTER_ROW, or longer where the stretch changes heating by so little
-    that one step may cross it."""
+    """The longest step to try first after a row [s]: AFTER_ROW, or longer where the row changes heating by little."""
     length = segment.t_end - segment.t_0
     if p.imposed_T >= 0:
         return max(AFTER_ROW, OF_STRETCH * length)
@@ -311,7 +310,7 @@ def first_step(run: Run, segment: Segment, p: System) -> float:
     for i in range(p.wires):
         change = max(change, abs(heat_brought(i, segment.u_0, p) - run.control[of_wire(i, C_HEAT)]))
     longest = LITTLE_RISE * p.wire.volume * p.wire.rho * p.wire.c_V / max(change, 1e-12)
-    return longest if longest >= max(AFTER_ROW, length) else AFTER_ROW
+    return max(AFTER_ROW, longest)
 
 
 def keep_heat(run: Run, segment: Segment, p: System, w: Work) -> None:

@@ -20,13 +20,14 @@ from sma_sim.solver.inputs import Input, requested_times, segments
 from sma_sim.solver.integrate import InputStretches, Limits, Run
 from sma_sim.solver.model import Model, new_findings
 from sma_sim.solver.simulate import Trajectory, Vector, copy_of_run, new_log, new_work, stall_step, trajectory
-from sma_sim.solver.smoothed_input import Stretches, smoothed
+from sma_sim.solver.smoothed_input import Leeway, Stretches, smoothed, under_lines
 from sma_sim.solver.stepper import STAGES
 from sma_sim.solver.tangent_nodes import Tangents
 from sma_sim.solver.tangents import follow
 
 Matrix = NDArray[np.float64]
 TOGETHER = 8  # unknowns that vector instructions serve at once: the last ones of a run may be none
+DELTA = 1e-6  # by which an unknown is moved
 NODES = 3  # of a step, at which it is linearised
 PACE_STEP = 1e-3  # [s], for the pace of a clock
 
@@ -160,42 +161,47 @@ def simulate_with_tangents(
     initial_state: Run,
     channels: Sequence[str],
     neighbours: Sequence[Neighbour],
-    delta: float,
     max_steps: int = 10_000_000,
+    leeway: Leeway | None = None,
 ) -> Sensitivities | None:
     """Run a model under an input, with the derivatives of its samples in unknowns.
 
     Parameters
     ----------
     model, source, sample_times, initial_state, channels, max_steps
-        As for `simulate`; the state and the channels must be given.
+        As for `simulate`; the state and the channels must be given. Samples may be later than the input, whose last values
+        are held.
     neighbours : sequence of Neighbour
-        For each unknown what changes when it is moved.
-    delta : float
-        By how much each is moved; 1e-6 of its usual size leaves errors of 1e-6.
+        For each unknown what changes when it is moved by DELTA, which is so small that this leaves errors of 1e-6 in units
+        of its usual size.
+    leeway : Leeway, optional
+        How far the input may be smoothed, in place of what the tolerance of the model allows.
 
     Returns
     -------
     Sensitivities
         None where a neighbour's input has other rows, or the input only one, so that there is no derivative.
     """
-    shifts, (times, values, slopes) = row_shifts(source, neighbours, delta), segments(source)
+    shifts, (times, values, slopes) = row_shifts(source, neighbours, DELTA), segments(source)
     if shifts is None or len(times) < 2:
         return None
-    run, asked, begin = copy_of_run(model, initial_state), requested_times(source, sample_times), float(source.times[0])
+    run, begin = copy_of_run(model, initial_state), float(source.times[0])
+    asked = requested_times(source, sample_times) if isinstance(sample_times, float) else sample_times
     seen = seen_at(model, asked, begin)
-    times, values, slopes = held_until((times, values, slopes), seen)
-    shifts = np.pad(shifts, ((0, len(times) - len(shifts)), (0, 0)))
     numbers, work = sampled_numbers(channels, model.structure), new_work(model)
-    lines = smoothed(model, times, values, slopes, shifts)
+    lines = smoothed(model, source, float(seen[-1]), leeway, shifts)
     is_smoothed = lines is not None
     if lines is not None:
+        stretches = under_lines(lines)
         shifts, work = np.zeros((len(lines.times), shifts.shape[1])), work._replace(u=np.zeros(lines.values.shape[1]))
     else:
+        times, values, slopes = held_until((times, values, slopes), seen)
+        shifts = np.pad(shifts, ((0, len(times) - len(shifts)), (0, 0)))
+        stretches = InputStretches(times, values, slopes, model.uses_time)
         lines = Stretches(times, values, slopes, *np.zeros((2, 0, shifts.shape[1], values.shape[1])))
     antagonistic = model.compiled.antagonistic and lines.values.shape[1] == values.shape[1]
     p, records = model.compiled._replace(antagonistic=antagonistic), moved_systems(model, neighbours, antagonistic)
-    s, r = differences_of_starts(run, neighbours, delta)
+    s, r = differences_of_starts(run, neighbours, DELTA)
     tangents = new_tangents(
         model,
         run,
@@ -204,7 +210,7 @@ def simulate_with_tangents(
         direct=direct_states(model, numbers),
         timed=timed_channels(model, numbers),
         systems=records.addresses,
-        delta=delta,
+        delta=DELTA,
         row_shift=shifts,
         value_shift=lines.value_shifts,
         slope_shift=lines.slope_shifts,
@@ -215,13 +221,12 @@ def simulate_with_tangents(
     )
     log = new_log(model, seen, numbers)
     limits = Limits(np.inf, max_steps, stall_step(model))
-    stretches = InputStretches(lines.times, lines.values, lines.slopes, model.uses_time)
     status = package_compiler().function(follow)(stretches, run, own_scratch(p), work, limits, log, tangents)
     made = trajectory(model, log, asked, run, stop_reason(status, model, run), ())
     count = len(made.time)
     found, slopes = tangents.samples[:count, :, : len(neighbours)].transpose(2, 1, 0), tangents.slopes[:count].T
     for j, neighbour in enumerate(neighbours):
-        later = (seen_at(neighbour.model or model, asked, begin) - seen)[:count] / delta
+        later = (seen_at(neighbour.model or model, asked, begin) - seen)[:count] / DELTA
         if later.any():
             found[j] += later * slopes
     if not np.array_equal(seen, asked):

@@ -51,6 +51,7 @@ from sma_sim.solver.integrate import (
 )
 from sma_sim.solver.model import Model, new_findings
 from sma_sim.solver.series import elimination_of
+from sma_sim.solver.smoothed_input import Stretches, under_lines
 from sma_sim.solver.stepper import ORDER
 from sma_sim.solver.trajectory import Jump as Jump
 from sma_sim.solver.trajectory import Trajectory as Trajectory
@@ -245,18 +246,30 @@ def simulate(
 
 
 def sampled_channels(
-    model: Model, source: Input, times: Vector, channels: Sequence[str], max_steps: int, begin: Run, work: Work
+    model: Model,
+    source: Input,
+    times: Vector,
+    channels: Sequence[str],
+    max_steps: int,
+    begin: Run,
+    work: Work,
+    lines: Stretches | None = None,
 ) -> Matrix:
     """What sensor channels show at times (k,) [s], as (k, channels): what `simulate` samples, without names and notes.
 
     For fits, which make thousands of runs: nothing is checked, `begin`, the state in which the run begins, becomes that in
-    which it ends, and `work` is scratch memory. Raises SimulationError where the run does not come to its end.
+    which it ends, and `work` is scratch memory; `lines` take the place of the source (`smoothed_command`). Raises
+    SimulationError where the run does not come to its end.
     """
-    seen = seen_at(model, times, float(source.times[0]))
-    stretches = InputStretches(*held_until(segments(source), seen), model.uses_time)
+    seen, compiled = seen_at(model, times, float(source.times[0])), model.compiled
+    if lines is None:
+        stretches = InputStretches(*held_until(segments(source), seen), model.uses_time)
+    else:
+        stretches, compiled = under_lines(lines), compiled._replace(antagonistic=False)
+        work = work._replace(u=np.zeros(lines.values.shape[1]))
     log = new_log(model, seen, sampled_numbers(channels, model.structure))
-    limits, compiled = Limits(np.inf, max_steps, stall_step(model)), own_scratch(model.compiled)
-    status = package_compiler().function(integrate)(stretches, begin, compiled, work, limits, log)
+    limits = Limits(np.inf, max_steps, stall_step(model))
+    status = package_compiler().function(integrate)(stretches, begin, own_scratch(compiled), work, limits, log)
     if status != COMPLETED:
         end = times[: int(log.written[0])][-1:].sum()
         raise SimulationError(f'the run ended after {end:g} s: {stop_reason(status, model, begin)}')

@@ -11,12 +11,16 @@ and at the end of the stretch only int (1 - exp(-(h - s)/tau)) E ds/(C tau) is l
 taken together as long as max |E|/C is small. Latent heat adds to C, and makes D smaller. The ambient temperature acts as
 lambda A T_E. An antagonistic command becomes the heating of each wire, so that a change of its sign is no kink.
 
-Derivatives of a run need no more, since they keep three digits; the run itself is made row by row.
+Derivatives of a run need no more, since they keep three digits; the run itself is made row by row. A fit tries more: where
+it is known at one point what a run shows beyond that under lines, a run under lines nearby and this difference tell what the
+run there shows, at a part of its cost, even for lines of many rows (`Leeway`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
+from math import inf
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,6 +35,8 @@ from sma_sim.model.effects.ports import ACTUATION, PORT_NAMES
 from sma_sim.model.parameters import WireConstants
 from sma_sim.model.structures.structure import Structure, record
 from sma_sim.solver.effect_table import TEMPERATURE_SCALE
+from sma_sim.solver.inputs import Input, segments
+from sma_sim.solver.integrate import InputStretches
 from sma_sim.solver.model import Model
 from sma_sim.solver.work import Integers, Matrix, Vector
 
@@ -40,6 +46,19 @@ MAX_ROWS = 4096  # in a stretch
 PROBED = np.linspace(0.0, 1.0, 9)  # of the largest heating, where effects must be linear in it
 PROBED_STATES, T_E = (0.3, 0.9), 298.0  # of the scales of states; [K]
 LINEAR = 1e-9  # what is left of a linear function, relative to its values
+
+
+class Leeway(NamedTuple):
+    """How far what lines bring may be ahead of what rows bring, at most, or behind it: max |E|."""
+
+    heat: float  # [J] of a bundle
+    ambient: float  # [K s] of T_E
+
+    @classmethod
+    def of(cls, wire: WireConstants, kelvin: float) -> Leeway:
+        """By which the temperature of a wire differs by `kelvin`, twice this at the most."""
+        heat, lost = kelvin * wire.volume * wire.rho * wire.c_V, wire.lambda_ * wire.surface
+        return cls(wire.n * heat, heat / lost if lost else inf)
 
 
 class Stretches(NamedTuple):
@@ -53,29 +72,80 @@ class Stretches(NamedTuple):
     slope_shifts: Arrays
 
 
-def smoothed(model: Model, times: Vector, values: Matrix, slopes: Matrix, row_shift: Matrix) -> Stretches | None:
+class Partition(NamedTuple):
+    """Rows of an input that are taken together: `first` (k + 1,) of each stretch and of the end, and the line of each."""
+
+    times: Vector  # (rows,)
+    heating: Matrix  # (rows, columns)
+    first: Integers
+    lines: Matrix  # (k, columns)
+    tilts: Matrix
+
+
+class Identity:
+    """An input as a key: the same is not partitioned twice."""
+
+    def __init__(self, source: Input) -> None:
+        self.source = source
+
+    def __hash__(self) -> int:
+        return id(self.source)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Identity) and self.source is other.source
+
+
+def smoothed(
+    model: Model, source: Input, until: float, leeway: Leeway | None = None, row_shift: Matrix | None = None
+) -> Stretches | None:
     """The heating of every wire and T_E [W, K] in fewer stretches; None where none can be taken together.
 
-    `row_shift` (rows, P): derivatives of the times of the rows in unknowns.
+    The last values are held up to the time `until` [s]. `row_shift` (rows, P): derivatives of the times of the rows in
+    unknowns. Without `leeway` temperatures may differ by as much as the tolerance of the model allows.
     """
     p, wire = model.compiled, model.wire
-    if p.drives or not p.coordinates or len(times) < 3 or slopes.any():
+    if p.drives or not p.coordinates or any(source.linear):
         return None
-    heating = heating_of_wires(values, p.wires, p.antagonistic)
-    if not passes_lines(model.config.effects, model.structure, wire, float(heating[:, :-1].max()) / wire.n):
+    leeway = leeway or Leeway.of(wire, SMOOTHED * model.config.parameters['solver.rtol'] * TEMPERATURE_SCALE)
+    found = partition(Identity(source), p.wires, p.antagonistic, leeway)
+    if found is None:
         return None
-    capacity = wire.volume * wire.rho * wire.c_V
-    kelvin = np.array([1.0 / (wire.n * capacity)] * p.wires + [wire.lambda_ * wire.surface / capacity])
-    most = SMOOTHED * model.config.parameters['solver.rtol'] * TEMPERATURE_SCALE
+    largest = float(found.heating[:, :-1].max()) / wire.n
+    if not passes_lines(model.config.effects, model.structure, wire, largest):
+        return None
+    shifts = shifts_of_lines(found, np.zeros((len(found.times), 0)) if row_shift is None else row_shift)
+    made = Stretches(found.times[found.first], found.lines, found.tilts, *shifts)
+    return made if until <= made.times[-1] else held_lines(made, found.heating[-1], until)
+
+
+@lru_cache(64)
+def partition(key: Identity, wires: int, antagonistic: bool, leeway: Leeway) -> Partition | None:
+    """The rows of an input that can be taken together; None where none can."""
+    times, values, _ = segments(key.source)
+    if len(times) < 3:
+        return None
+    heating = heating_of_wires(values, wires, antagonistic)
+    most = np.array([leeway.heat] * wires + [leeway.ambient])
     first = np.zeros(len(times), dtype=np.int64)
     lines, tilts = np.zeros(heating.shape), np.zeros(heating.shape)
-    count = package_compiler().function(take_together)(times, heating, kelvin, most, first, lines, tilts)
+    count = package_compiler().function(take_together)(times, heating, most, first, lines, tilts)
     if count == len(times) - 1:
         return None
     first[count] = len(times) - 1
-    first = first[: count + 1]
-    shifts = shifts_of_lines(times, heating, row_shift, first)
-    return Stretches(times[first], lines[: count + 1], tilts[: count + 1], *shifts)
+    return Partition(times, heating, first[: count + 1], lines[:count], tilts[:count])
+
+
+def held_lines(made: Stretches, heating: Vector, until: float) -> Stretches:
+    """With one stretch more, in which the heating (columns,) stays up to a time [s]."""
+    shifts = [np.pad(one, ((0, len(one[:1])), (0, 0), (0, 0))) for one in made[3:]]
+    values, slopes = np.vstack([made.values, heating]), np.vstack([made.slopes, np.zeros_like(heating)])
+    return Stretches(np.append(made.times, until), values, slopes, *shifts)
+
+
+def under_lines(lines: Stretches) -> InputStretches:
+    """The input of a run under lines: as one that depends on time, so that no row is crossed otherwise than by a run with
+    tangents, and both are the same to the last bit."""
+    return InputStretches(lines.times, lines.values, lines.slopes, True)
 
 
 def heating_of_wires(values: Matrix, wires: int, antagonistic: bool) -> Matrix:
@@ -86,15 +156,13 @@ def heating_of_wires(values: Matrix, wires: int, antagonistic: bool) -> Matrix:
     return np.ascontiguousarray(np.hstack([np.maximum(power, 0.0), T_E]))
 
 
-def take_together(
-    times: Vector, heating: Matrix, kelvin: Vector, most: float, first: Integers, lines: Matrix, tilts: Matrix
-) -> int:
+def take_together(times: Vector, heating: Matrix, most: Vector, first: Integers, lines: Matrix, tilts: Matrix) -> int:
     """Write the first row of every stretch, and its line; how many there are."""
     rows = times.shape[0] - 1
     k, count = 0, 0
     while k < rows:
         size = 1
-        while 2 * size <= min(rows - k, MAX_ROWS) and is_smooth(k, 2 * size, times, heating, kelvin, most):
+        while 2 * size <= min(rows - k, MAX_ROWS) and is_smooth(k, 2 * size, times, heating, most):
             size *= 2
         first[count] = k
         for column in range(heating.shape[1]):
@@ -119,7 +187,7 @@ def line_through(k: int, size: int, column: int, times: Vector, heating: Matrix)
     return mean - 0.5 * slope * length, slope
 
 
-def is_smooth(k: int, size: int, times: Vector, heating: Matrix, kelvin: Vector, most: float) -> bool:
+def is_smooth(k: int, size: int, times: Vector, heating: Matrix, most: Vector) -> bool:
     """Whether `size` rows from row `k` on are a line to the wires, and one that is not negative."""
     length = times[k + size] - times[k]
     for column in range(heating.shape[1]):
@@ -130,17 +198,18 @@ def is_smooth(k: int, size: int, times: Vector, heating: Matrix, kelvin: Vector,
         for row in range(k, k + size):
             passed += heating[row, column] * (times[row + 1] - times[row])
             t = times[row + 1] - times[k]
-            if not abs(passed - (value + 0.5 * slope * t) * t) * kelvin[column] <= most:
+            if not abs(passed - (value + 0.5 * slope * t) * t) <= most[column]:
                 return False
     return True
 
 
-def shifts_of_lines(times: Vector, heating: Matrix, row_shift: Matrix, first: Integers) -> tuple[Arrays, Arrays]:
+def shifts_of_lines(partition: Partition, row_shift: Matrix) -> tuple[Arrays, Arrays]:
     """Derivatives of the lines in unknowns that shift rows (k, P, columns): none where no row moves.
 
     A row at which the heating rises by d and that comes later by s brings d s less at its time: an impulse. A stretch takes
     those of its rows, that of its beginning too, as the line with their sum and their first moment.
     """
+    times, heating, first = partition[:3]
     count, columns = len(first) - 1, heating.shape[1]
     if not row_shift.any():
         empty = np.zeros((0, row_shift.shape[1], columns))

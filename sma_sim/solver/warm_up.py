@@ -21,7 +21,7 @@ def compile_tangents() -> None:
     """Compile, or load, what gives fits their derivatives."""
     model, source = Model(Config()), module_input([0.0, 0.01], [0.0, 0.0])
     initial_run = new_run(model, source.values[0], new_work(model))
-    simulate_with_tangents(model, source, 100.0, initial_run, model.structure.channels, (Neighbour(),), 1e-6)
+    simulate_with_tangents(model, source, 100.0, initial_run, model.structure.channels, (Neighbour(),))
 
 
 def compile_fixed_rate() -> None:

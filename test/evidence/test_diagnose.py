@@ -23,7 +23,7 @@ from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.diagnosis.review import reviewed, stage_change
 from sma_sim.evidence.estimation import problem as problem_module
 from sma_sim.evidence.estimation.calibrate import FitOptions, final_fit, problem_for
-from sma_sim.evidence.estimation.levenberg_marquardt import start_point
+from sma_sim.evidence.estimation.problem import start_point
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import candidates_for, with_effect
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest

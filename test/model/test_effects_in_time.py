@@ -129,9 +129,7 @@ def test_tangents_pass_through_what_happens_at_an_instant(effects, names, kind):
 
     units = np.eye(len(free))
     model, run = at(np.zeros(len(free)))
-    found = simulate_with_tangents(
-        model, COMMAND, TIMES, run, channels, [Neighbour(*at(DELTA * unit)) for unit in units], DELTA
-    )
+    found = simulate_with_tangents(model, COMMAND, TIMES, run, channels, [Neighbour(*at(DELTA * unit)) for unit in units])
     expected = []
     for one, unit in zip(free, units, strict=True):
         step = 2e-3 if one.scale < 1.0 else 2e-3 / one.scale  # of an instant 2 ms

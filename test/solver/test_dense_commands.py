@@ -89,8 +89,7 @@ def tolerance(model):
 
 
 def smoothed_at(model, source, shifts=None):
-    times, values, slopes = segments(source)
-    return smoothed(model, times, values, slopes, np.zeros((len(times), 8)) if shifts is None else shifts)
+    return smoothed(model, source, float(source.times[-1]), row_shift=shifts)
 
 
 def test_stretches_keep_mean_and_first_moment_of_every_wire():
@@ -163,7 +162,7 @@ def tangents_of(model, source, names, channels, moved_rows=None):
         return Neighbour(other, started(other))
 
     beside = [moved(name) for name in names] + ([Neighbour(source=moved_rows)] if moved_rows is not None else [])
-    return simulate_with_tangents(model, source, TIMES, started(model), channels, beside, DELTA)
+    return simulate_with_tangents(model, source, TIMES, started(model), channels, beside)
 
 
 @pytest.mark.parametrize('kind', ['hybrid', 'mas'])

@@ -47,7 +47,7 @@ def test_tangents_of_a_short_run_are_those_of_differences(kinetics):
     for name in NAMES:
         other = Model(with_parameter(config, name, DELTA))
         beside.append(Neighbour(other, new_run(other, source.values[0], new_work(other))))
-    found = simulate_with_tangents(model, source, times, start, channels, beside, DELTA)
+    found = simulate_with_tangents(model, source, times, start, channels, beside)
     plain = run_at(config, source, times, channels)
     assert found.trajectory.completed and found.tangents.shape == (len(NAMES), len(channels), 23)
     before = tuple(jump for jump in plain.jumps if jump.t < source.times[-1])
@@ -104,7 +104,7 @@ def test_tangents_of_a_wire_are_exact_where_its_run_is():
     start = new_run(model, RAMP.values[0], new_work(model))
     moved = [Model(with_parameter(config, name, DELTA)) for name in NAMES]
     beside = [Neighbour(other, new_run(other, RAMP.values[0], new_work(other))) for other in moved]
-    found = simulate_with_tangents(model, RAMP, times, start, channels, beside, DELTA)
+    found = simulate_with_tangents(model, RAMP, times, start, channels, beside)
     assert [(jump.source, jump.target) for jump in found.trajectory.jumps] == [(3, 4), (4, 3), (3, 5)]
     for j, name in enumerate(NAMES):
         runs = {h: run_at(with_parameter(config, name, h), RAMP, times, channels) for h in (2e-4, 1e-4, -1e-4, -2e-4)}
@@ -149,7 +149,7 @@ def test_tangents_of_a_structure_are_exact_where_its_run_is():
     stiffer, other, later = (lever.moved(what, DELTA) for what in ('stiffness', 'start', 'row'))
     beside = [Neighbour(model=stiffer[0]), Neighbour(initial_state=other[1]), Neighbour(source=later[2])]
     model, start, source = lever.moved('row', 0.0)
-    found = simulate_with_tangents(model, source, lever.times, start, lever.channels, beside, DELTA)
+    found = simulate_with_tangents(model, source, lever.times, start, lever.channels, beside)
     assert [jump.wire for jump in found.trajectory.jumps] == [1, 2, 2] and found.trajectory.completed
     expected = np.array(
         [(lever.samples(what, 3e-4) - lever.samples(what, -3e-4)) / 6e-4 for what in ('stiffness', 'start', 'row')]
@@ -162,13 +162,13 @@ def test_a_run_with_tangents_that_stops_says_why():
     config, channels = configuration('hybrid'), ('stress', 'T')
     model, times = Model(config), np.linspace(0.0, 0.2, 21)
     start = new_run(model, RAMP.values[0], new_work(model))
-    whole = simulate_with_tangents(model, RAMP, times, start, channels, (Neighbour(),), DELTA)
+    whole = simulate_with_tangents(model, RAMP, times, start, channels, (Neighbour(),))
     for most in (3, whole.trajectory.steps - 1):
-        found = simulate_with_tangents(model, RAMP, times, start, channels, (Neighbour(),), DELTA, max_steps=most)
+        found = simulate_with_tangents(model, RAMP, times, start, channels, (Neighbour(),), max_steps=most)
         count = len(found.trajectory.time)
         assert found.trajectory.reason == 'step limit reached' and not found.trajectory.completed and 0 < count < 21
         assert found.trajectory.steps == most and found.tangents.shape == (1, 2, count) and found.slopes.shape == (2, count)
         assert (found.slopes == whole.slopes[:, :count]).all()
     assert whole.trajectory.completed and not whole.tangents.any() and len(whole.trajectory.time) == 21
     one_row = wire_input([0.0], [0.02])
-    assert simulate_with_tangents(model, one_row, [0.0], start, channels, (Neighbour(),), DELTA) is None
+    assert simulate_with_tangents(model, one_row, [0.0], start, channels, (Neighbour(),)) is None

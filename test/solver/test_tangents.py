@@ -73,7 +73,7 @@ class Family:
         units = np.eye(len(self.free))
         model, run = self.initial_run(np.zeros(len(units)))
         beside = [Neighbour(*self.initial_run(DELTA * unit)) for unit in units]
-        return simulate_with_tangents(model, self.source, TIMES, run, CHANNELS[self.config.system], beside, DELTA)
+        return simulate_with_tangents(model, self.source, TIMES, run, CHANNELS[self.config.system], beside)
 
     def extrapolated(self, j, step):
         unit = np.eye(len(self.free))[j]

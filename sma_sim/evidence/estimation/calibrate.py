@@ -39,7 +39,7 @@ from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.plausibility import MATERIALS, ImplausibleParameter, implausible_of
 from sma_sim.evidence.estimation.prepared_fit import PreparedFit, check_kinetics, prepare
 from sma_sim.evidence.estimation.problem import AMBIENT, DELAY, START, LinearizedRun, Problem, cost_at, feasible, start_point
-from sma_sim.evidence.estimation.residuals import ZERO_STDS, FitData, fit_data
+from sma_sim.evidence.estimation.residuals import ZERO_STDS, FitData, fit_data, leeway_for
 from sma_sim.evidence.estimation.run_estimates import ParameterByRun, ReducedRun, estimates_by_run, reduced_run
 from sma_sim.evidence.estimation.run_subset import from_subset, run_subset
 from sma_sim.evidence.estimation.run_tangents import LOOSER, has_tangents
@@ -370,7 +370,13 @@ def problem_for(dataset: Dataset, config: Config, options: FitOptions, every: in
     quasi_static = all(structure.is_quasi_static for structure in structures)
     delay = 0.0 if quasi_static else None
     problem = Problem(config, runs, free, options.robust, delay, material=options.material).at_tolerance(rtol)
+    problem = with_leeway(problem, problem.config) if step_limited else problem
     return within_limits(problem, options.limits) if options.limits else problem
+
+
+def with_leeway(problem: Problem, config: Config) -> Problem:
+    """The problem whose commands may be smoothed where they change at every moment, as far as suits a configuration."""
+    return replace(problem, runs=tuple(replace(run, leeway=leeway_for(config, run)) for run in problem.runs))
 
 
 def full_problem(dataset: Dataset, fit: FitResult, options: FitOptions) -> Problem:
@@ -431,6 +437,9 @@ def final_fit(dataset: Dataset, fit: FitResult, options: FitOptions, context: Se
     """The fit continued on all samples, the parameters free within the same bounds."""
     whole = full_problem(dataset, fit, options)
     problem = whole.at_tolerance(FINAL_RTOL)
+    smoothed = with_leeway(problem, problem.fitted(fit.z))
+    if any(run.leeway for run in smoothed.runs):  # comes near, for what few runs row by row cost
+        fit = continued_fit(fit, smoothed, fit.z, ALL_SAMPLES, context, 'all samples')
     found = continued_fit(fit, problem, fit.z, ALL_SAMPLES, context, 'all samples')
     for sharper in SHARPER:
         if found.error * sharper > 10.0 * CLEAN or context.stop.is_set():

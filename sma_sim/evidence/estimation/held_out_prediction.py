@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from threading import Event
 
 import numpy as np
@@ -20,6 +20,7 @@ from sma_sim.evidence.estimation.residuals import (
     Nuisance,
     error_over_noise,
     fit_data,
+    leeway_for,
     offsets_of,
     planned_run,
     with_start,
@@ -141,7 +142,9 @@ def predict_runs(
     """
 
     def predicted(run: FitData) -> RunFit:
-        problem = Problem(config, (run,), (), delay=delay)
+        problem, smoothed = (
+            Problem(config, (one,), (), delay=delay) for one in (run, replace(run, leeway=leeway_for(config, run)))
+        )
         if not problem.unknowns:
             return run_fits(problem, start_point(problem), context.pool)[0]
         found: list[RunFit] = []
@@ -149,7 +152,7 @@ def predict_runs(
             z = start_point(problem)
             z[: run.starts] = guess
             with suppress(SimulationError):  # a run that cannot be made is infinitely far off
-                z = minimize(problem, z, RUN_UNKNOWNS, context).z
+                z = minimize(smoothed, z, RUN_UNKNOWNS, context).z
             found.append(run_fits(problem, z, context.pool)[0])
             if found[-1].error <= GOOD_FIT * max(fitted_error, 1.0):
                 break

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 
@@ -20,6 +20,7 @@ from sma_sim.evidence.estimation.problem import (
     cost_at,
     cost_of,
     linearized_in_turn,
+    near,
     normal_parts,
     quadratic_model,
     residuals_at,
@@ -91,7 +92,8 @@ def minimize(problem: Problem, z: Vector, criteria: StopCriteria, context: Searc
     for iteration in range(criteria.max_iterations):
         linear: Iterable[LinearizedRun] = linearized_in_turn(problem, z, context.pool, steps, central)
         linear = list(linear) if criteria.secant else linear
-        model = quadratic_model(problem, linear, z)
+        corrections = list[Matrix | None]()
+        model = quadratic_model(problem, noting_corrections(linear, corrections), z)
         cost = model[0]
         context.on_iteration(label, iteration, cost)
         if context.stop.is_set():
@@ -104,7 +106,7 @@ def minimize(problem: Problem, z: Vector, criteria: StopCriteria, context: Searc
                 return FitResult(problem, z, cost - gained, iteration, True)
             steps = better_steps(problem, model[2], central)
             continue
-        step, gained, damping = damped_step(problem, z, model, damping, min_decrease, context.pool)
+        step, gained, damping = damped_step(near(problem, corrections), z, model, damping, min_decrease, context.pool)
         z = z + step
         if gained <= criteria.relative_decrease * cost and (central or damping <= MAX_DAMPING):
             return FitResult(problem, z, cost - gained, iteration, damping <= MAX_DAMPING)
@@ -128,7 +130,9 @@ def secant_minimum(
     decrease of the cost below which none is made. It is given up where the cost falls too slowly to come down to `target`.
     """
     (damping, min_decrease), (low, high) = limits, problem.limits()
-    cost, gradient, hessian = quadratic_model(problem, linear, z)
+    corrections = list[Matrix | None]()
+    cost, gradient, hessian = quadratic_model(problem, noting_corrections(linear, corrections), z)
+    nearby = near(problem, corrections)
     costs = list[float]()
     for iteration in range(MAX_SECANT_STEPS):
         try:
@@ -140,7 +144,7 @@ def secant_minimum(
         costs.append(cost)
         if expected <= min_decrease or context.stop.is_set() or is_too_slow(costs, target):
             return FitResult(problem, z, cost, iteration)
-        shown = residuals_at(problem, z + step, context.pool)
+        shown = residuals_at(nearby, z + step, context.pool)
         gained = cost - cost_of(problem, shown, z + step)
         if np.isfinite(gained):
             linear = [
@@ -151,6 +155,13 @@ def secant_minimum(
         damping *= SECANT_DAMPING if gained < 0.25 * expected else 1.0 / SECANT_DAMPING if gained > 0.5 * expected else 1.0
         cost, gradient, hessian = quadratic_model(problem, linear, z)
     return FitResult(problem, z, cost, MAX_SECANT_STEPS, False)
+
+
+def noting_corrections(linear: Iterable[LinearizedRun], corrections: list[Matrix | None]) -> Iterator[LinearizedRun]:
+    """The linearised runs, whose corrections are appended as they pass: all of them would not fit into the memory."""
+    for run in linear:
+        corrections.append(run.correction)
+        yield run
 
 
 def is_too_slow(costs: Sequence[float], target: float) -> bool:

@@ -18,8 +18,9 @@ from sma_sim.evidence.estimation.executors import PickledConfig, in_turn, worker
 from sma_sim.evidence.estimation.free_parameters import FreeParameter
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
 from sma_sim.evidence.estimation.residuals import FitData, Nuisance, weighted_residuals
-from sma_sim.evidence.estimation.run_tangents import DELTA, TangentTask, linearized_by_tangents, tangents_apply
+from sma_sim.evidence.estimation.run_tangents import TangentTask, linearized_by_tangents, tangents_apply
 from sma_sim.model.config import Config
+from sma_sim.solver.sensitivities import DELTA
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
@@ -161,12 +162,23 @@ def evaluate(task: EvaluationTask) -> list[Matrix | None]:
 class LinearizedRun:
     """One run linearised: residuals (channels, k) and their derivatives (unknowns of the run, channels, k) in z.
 
-    `indices`: where the run's unknowns are in z.
+    `indices`: where the run's unknowns are in z. `correction` (channels, k): what the residuals are more than those of a run
+    under the smoothed command; None where that is not smoothed.
     """
 
     indices: NDArray[np.int64]
     residuals: Matrix
     jacobian: NDArray[np.float64]
+    correction: Matrix | None = None
+
+
+def near(problem: Problem, corrections: Sequence[Matrix | None]) -> Problem:
+    """The problem near a point at which its runs have these corrections (`LinearizedRun`): all runs under smoothed commands,
+    for a part of the time."""
+    if all(one is None for one in corrections):
+        return problem
+    pairs = zip(problem.runs, corrections, strict=True)
+    return replace(problem, runs=tuple(replace(run, correction=correction) for run, correction in pairs))
 
 
 def residuals_at(problem: Problem, z: Vector, executor: Executor) -> list[Matrix | None]:

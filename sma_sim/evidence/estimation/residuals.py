@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isnan, nan
 
 import numpy as np
@@ -15,11 +15,13 @@ from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.expected import expect
 from sma_sim.model.structures.discovery import known_structures
+from sma_sim.solver.clock import seen_at
 from sma_sim.solver.effect_table import channel_scales
 from sma_sim.solver.inputs import Input, inputs_at
 from sma_sim.solver.integrate import Run
 from sma_sim.solver.model import Model
 from sma_sim.solver.simulate import SimulationError, Trajectory, copy_of_run, new_run, new_work, sampled_channels, simulate
+from sma_sim.solver.smoothed_input import Leeway, Stretches, smoothed
 from sma_sim.solver.work import Work
 
 Vector = NDArray[np.float64]
@@ -32,6 +34,9 @@ SOLVER_NOISE = 0.3  # error of a sample in units of rtol times the channel's siz
 # which a model that was chosen, and may ring, gets
 MAX_STEPS, STEPS_PER_SECOND, STEPS_PER_ROW = 1_500, 20, 20
 CHOSEN_MODEL_FACTOR = 20
+# Of smoothed commands: by which temperatures differ at most [K]; the most that a channel may differ by, in units of the
+# noise; and the part of the rows below which a run under lines is faster
+SMOOTHED_BY, LACKING, FEWER = 0.4, 0.5, 0.25
 
 
 @dataclass(frozen=True)
@@ -48,7 +53,9 @@ class FitData:
     a command that heats nothing.
     `bench`: on which the wire was, by the name of its structure; empty for that of the configuration. `level`: the
     stress [Pa] of an isobaric test, NaN of others. `zero_range`: of an unknown zero of the strain gauge. `starts`: wires of
-    which it is unknown where they begin within the hysteresis.
+    which it is unknown where they begin within the hysteresis. `leeway`: how far a command that changes at every moment may
+    be smoothed. `correction` (channels, k): what the weighted residuals of a run are more than those of one under the
+    smoothed command, at a point nearby; without it runs are made row by row.
     """
 
     name: str
@@ -70,6 +77,8 @@ class FitData:
     level: float = nan
     zero_range: tuple[float, float] = (-ZERO_LIMIT, ZERO_LIMIT)
     starts: int = 0
+    leeway: Leeway | None = None
+    correction: NDArray[np.float64] | None = None
 
     @property
     def is_quasi_static(self) -> bool:
@@ -241,9 +250,13 @@ def held_until(source: Input, last: float) -> Input:
     return Input(np.append(source.times, last), np.vstack([source.values, source.values[-1:]]), source.linear, source.names)
 
 
-def most_steps(source: Input, step_limited: bool) -> int:
-    """Of the solver in one run, six times what is usual or more: else few hopeless points take most of a search's time."""
-    most = MAX_STEPS + int(STEPS_PER_SECOND * (source.times[-1] - source.times[0])) + STEPS_PER_ROW * len(source.times)
+def most_steps(source: Input, step_limited: bool, rows: int = 0) -> int:
+    """Of the solver in one run, six times what is usual or more: else few hopeless points take most of a search's time.
+
+    `rows`: of the source, if not as it is.
+    """
+    rows = rows or len(source.times)
+    most = MAX_STEPS + int(STEPS_PER_SECOND * (source.times[-1] - source.times[0])) + STEPS_PER_ROW * rows
     return most if step_limited else CHOSEN_MODEL_FACTOR * most
 
 
@@ -323,7 +336,7 @@ def simulated(
     run = prepared(recording)
     config = run.on_bench(config)
     source, asked, index = planned_run(run, nuisance)
-    model = Model(config)
+    source, model = held_until(source, float(asked[-1])), Model(config)
     initial_state = run.initial_state or start_of(model, source, nuisance.start)
     trajectory = simulate(
         model, source, asked, max_steps=most_steps(source, run.step_limited), initial_state=initial_state, channels=channels
@@ -334,11 +347,12 @@ def simulated(
 
 
 def planned_run(run: FitData, nuisance: Nuisance) -> tuple[Input, Vector, NDArray[np.int64]]:
-    """The input of a run, the times [s] to sample, and the sample that each of the recording (k,) shows."""
+    """The input of a run, the times [s] to sample, and the sample that each of the recording (k,) shows.
+
+    Times may be later than the input, whose last values are then held.
+    """
     times = run.time - nuisance.delay
-    source = held_until(
-        effective_input(with_switches(run, nuisance.switches), run.unpowered_side, nuisance.ambient), float(times[-1])
-    )
+    source = effective_input(with_switches(run, nuisance.switches), run.unpowered_side, nuisance.ambient)
     early = int(np.searchsorted(times, source.times[0], side='right'))
     asked = np.concatenate([source.times[:1], times[early:]])
     return source, asked, np.maximum(np.arange(len(times)) - early + 1, 0)
@@ -353,17 +367,53 @@ def weighted_residuals(config: Config | Model, run: FitData, nuisance: Nuisance 
     absent = [name for name in run.channels if name not in model.structure.channels]
     if absent:
         raise UserError(f'{run.name}: the model of system {model.config.system!r} has no channel {absent[0]}')
-    return compared(run, shown_by(model, run, nuisance or Nuisance()), nuisance)
+    nuisance = nuisance or Nuisance()
+    if run.correction is not None:
+        smoothed = smoothed_residuals(model, run, nuisance)
+        if smoothed is not None:
+            return smoothed + run.correction
+    return compared(run, shown_by(model, run, nuisance), nuisance)
 
 
-def shown_by(model: Model, run: FitData, nuisance: Nuisance) -> NDArray[np.float64]:
-    """What the channels of a run show under a model on its bench, (channels, k). Raises SimulationError."""
+def smoothed_residuals(model: Model, run: FitData, nuisance: Nuisance) -> NDArray[np.float64] | None:
+    """As `weighted_residuals` under the smoothed command, (channels, k); None where it cannot be smoothed."""
+    source, asked, _ = planned_run(run, nuisance)
+    seen = seen_at(model, asked[-1:], float(source.times[0]))
+    lines = None if run.leeway is None else smoothed(model, source, float(seen[-1]), run.leeway)
+    return None if lines is None else compared(run, shown_by(model, run, nuisance, lines), nuisance)
+
+
+def leeway_for(config: Config, run: FitData) -> Leeway | None:
+    """How far the command of a run may be smoothed: so that the run differs by little of the noise, and takes far less time.
+
+    None for commands of few rows, and where that is not possible.
+    """
+    model = Model(run.on_bench(config))
+    widest = Leeway.of(model.wire, SMOOTHED_BY)
+    smooth = replace(run, leeway=widest)
+    try:
+        shown = smoothed_residuals(model, smooth, Nuisance())
+        if shown is None:
+            return None
+        lacking = error_over_noise(weighted_residuals(model, run) - shown, run)
+    except SimulationError:
+        return None
+    part = min(1.0, LACKING / max(*lacking.values(), LACKING))
+    leeway = Leeway(part * widest.heat, part * widest.ambient)
+    lines = smoothed(model, run.source, run.source.times[-1], leeway)
+    return leeway if lines is not None and len(lines.times) < FEWER * len(run.source.times) else None
+
+
+def shown_by(model: Model, run: FitData, nuisance: Nuisance, lines: Stretches | None = None) -> NDArray[np.float64]:
+    """What the channels of a run show under a model on its bench, (channels, k), under `lines` in place of its command, if
+    any. Raises SimulationError."""
     source, asked, index = planned_run(run, nuisance)
     work = new_work(model)
     first = np.asarray(source.values[0], float)
     begin = copy_of_run(model, run.initial_state) if run.initial_state else new_run(model, first, work, nuisance.start)
     try:
-        samples = sampled_channels(model, source, asked, run.channels, most_steps(source, run.step_limited), begin, work)
+        limit = most_steps(source, run.step_limited, 0 if lines is None else len(lines.times))
+        samples = sampled_channels(model, source, asked, run.channels, limit, begin, work, lines)
     except SimulationError as error:
         raise SimulationError(f'{run.name}: {error}') from error
     return np.ascontiguousarray(samples[index].T)

@@ -16,6 +16,7 @@ from sma_sim.evidence.estimation.residuals import (
     compared,
     most_steps,
     planned_run,
+    smoothed_residuals,
     start_of,
     weighted_residuals,
 )
@@ -25,12 +26,11 @@ from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.inputs import Input
 from sma_sim.solver.integrate import Run
 from sma_sim.solver.model import Model
-from sma_sim.solver.sensitivities import Neighbour, Sensitivities, simulate_with_tangents
+from sma_sim.solver.sensitivities import DELTA, Neighbour, Sensitivities, simulate_with_tangents
 from sma_sim.solver.simulate import SimulationError, new_run, new_work
 from sma_sim.solver.work import Work
 
 Matrix = NDArray[np.float64]
-DELTA = 1e-6  # by which an unknown is moved, in standard deviations of its prior
 # Of solver.rtol, in the runs that give tangents, unless they are a search's, which has them already: tangents keep 3 digits,
 # where a difference of two such runs would be noise.
 LOOSER = {'hybrid': 10.0, 'mas': 3.0}
@@ -75,8 +75,9 @@ def has_tangents(structure: Structure) -> bool:
     return structure.segment is None and not structure.is_quasi_static
 
 
-def linearized_by_tangents(task: TangentTask) -> tuple[Matrix, NDArray[np.float64]] | None:
-    """Weighted residuals (channels, k) and their derivatives (unknowns, channels, k).
+def linearized_by_tangents(task: TangentTask) -> tuple[Matrix, NDArray[np.float64], Matrix | None] | None:
+    """Weighted residuals (channels, k), their derivatives (unknowns, channels, k), and what the former are more than those
+    under the smoothed command (channels, k), None where none is smoothed.
 
     None where there are no derivatives, or where the model cannot be run there.
     """
@@ -87,12 +88,14 @@ def linearized_by_tangents(task: TangentTask) -> tuple[Matrix, NDArray[np.float6
             return None
         index = planned_run(run, nuisance)[2]
         shown = np.array([found.trajectory[CHANNEL_COLUMNS[name]] for name in run.channels])[:, index]
-        is_the_run = looser(run, config.config) == 1.0 and not found.smoothed
-        residuals = (
-            compared(run, shown, nuisance) if is_the_run else weighted_residuals(config.model(run.bench), run, nuisance)
-        )
+        as_exact, model = looser(run, config.config) == 1.0, config.model(run.bench)
+        here = compared(run, shown, nuisance) if as_exact else smoothed_residuals(model, run, nuisance)
+        is_the_run = as_exact and not found.smoothed
+        residuals = here if is_the_run and here is not None else weighted_residuals(model, run, nuisance)
+        correction = None if is_the_run or here is None else residuals - here
+        nearby = replace(run, correction=correction)
         beside = {
-            j: (weighted_residuals(moved.model(run.bench), run, there) - residuals) / step
+            j: (weighted_residuals(moved.model(run.bench), nearby, there) - residuals) / step
             for j, step, moved, there in task.apart
         }
     except SimulationError:
@@ -106,7 +109,7 @@ def linearized_by_tangents(task: TangentTask) -> tuple[Matrix, NDArray[np.float6
         jacobian[j] = column
     if not np.isfinite(float(np.vdot(residuals, residuals)) + float(np.vdot(jacobian, jacobian))):
         return None  # or so large that the normal equations would overflow
-    return residuals, jacobian
+    return residuals, jacobian, correction
 
 
 def sensitivities_of(task: TangentTask) -> Sensitivities | None:
@@ -126,7 +129,14 @@ def sensitivities_of(task: TangentTask) -> Sensitivities | None:
             other_source = planned_run(run, replace(moved, delay=nuisance.delay))[0]
         neighbours.append(Neighbour(beside, initial_run, other_source))
     return simulate_with_tangents(
-        model, source, asked, initial_state, run.channels, neighbours, DELTA, most_steps(source, run.step_limited)
+        model,
+        source,
+        asked,
+        initial_state,
+        run.channels,
+        neighbours,
+        most_steps(source, run.step_limited),
+        run.leeway,
     )
 
 

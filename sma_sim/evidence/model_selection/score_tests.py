@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.executors import PickledConfig
-from sma_sim.evidence.estimation.problem import EvaluationTask, LinearizedRun, Problem, evaluate, linearize
+from sma_sim.evidence.estimation.problem import EvaluationTask, LinearizedRun, Problem, evaluate, linearize, near
 from sma_sim.evidence.model_selection.candidates import Candidate, Probe, at_instants, instants_of, with_effect
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 
@@ -142,6 +142,7 @@ def probe_all(
 ) -> dict[int, Vector]:
     """The change of all residuals by every probe, (N,) by the probe's id; without those that cannot be run."""
     config, indices = problem.fitted(z), problem.indices()
+    nearby = near(problem, [run.correction for run in linear])
     measured = {channel for run in problem.runs for channel in run.channels}
     probes = [
         (candidate, probe)
@@ -156,7 +157,7 @@ def probe_all(
         probed = PickledConfig(with_effect(config, candidate.found, values))
         tasks = [
             EvaluationTask(run, ((probed, problem.nuisance(run, z[k])),))
-            for run, k in zip(problem.runs, indices, strict=True)
+            for run, k in zip(nearby.runs, indices, strict=True)
         ]
         futures.append([pool.submit(evaluate, task) for task in tasks])
     found = {}

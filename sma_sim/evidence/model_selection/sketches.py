@@ -7,6 +7,7 @@ and the steps themselves correct the rest (`secant_minimum`). Only what a sketch
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
 from math import inf
@@ -18,7 +19,15 @@ from sma_sim.evidence.estimation.executors import run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import declared_parameters, free_parameter
 from sma_sim.evidence.estimation.levenberg_marquardt import secant_minimum
-from sma_sim.evidence.estimation.problem import DEFAULT_STEP, LinearizedRun, Problem, linearize, residuals_at, start_point
+from sma_sim.evidence.estimation.problem import (
+    DEFAULT_STEP,
+    LinearizedRun,
+    Problem,
+    linearize,
+    near,
+    residuals_at,
+    start_point,
+)
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, FROM_PRIORS, SKETCH_DECREASE
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
@@ -26,6 +35,7 @@ from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
 
 
 def with_candidate(base: FitResult, screened: ScreeningResult) -> tuple[Problem, Vector]:
@@ -127,8 +137,9 @@ def sketch(
     first = len(start.problem.free)
     own = range(first, len(problem.free))
     base = residuals_at(problem, z, context.pool)
+    corrections = smoothing_at(problem, z, base, [run.correction for run in linear], context.pool)
     moved = [moved_along(problem, z, k) for k in own]
-    responses = [residuals_at(problem, at, context.pool) for at in moved]
+    responses = [residuals_at(near(problem, corrections), at, context.pool) for at in moved]
     joint = []
     for j, (run, indices) in enumerate(zip(linear, problem.indices(), strict=True)):
         here = base[j]
@@ -138,10 +149,23 @@ def sketch(
         for row, k, at, there in zip(rows, own, moved, (response[j] for response in responses), strict=True):
             row[:] = 0.0 if there is None else (there - here) / (at[k] - z[k])
         jacobian = np.concatenate([run.jacobian[:first], rows, run.jacobian[first:]])
-        joint.append(LinearizedRun(indices, here, jacobian))
+        joint.append(LinearizedRun(indices, here, jacobian, corrections[j]))
     least = SKETCH_DECREASE * min(start.cost, float(problem.samples))
     damping, target = limits
     return secant_minimum(problem, z, joint, (damping, least), context, target)
+
+
+def smoothing_at(
+    problem: Problem, z: Vector, shown: Sequence[Matrix | None], nearby: Sequence[Matrix | None], pool: Executor
+) -> list[Matrix | None]:
+    """The corrections (`near`) of the runs at z, whose residuals are `shown`; of none that has none `nearby`."""
+    if all(one is None for one in nearby):
+        return list(nearby)
+    zero = [one if one is None else np.zeros_like(one) for one in nearby]
+    pairs = zip(shown, residuals_at(near(problem, zero), z, pool), zero, strict=True)
+    return [
+        one if one is None else None if exact is None or smooth is None else exact - smooth for exact, smooth, one in pairs
+    ]
 
 
 def moved_along(problem: Problem, z: Vector, k: int) -> Vector:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from sma_sim.evidence.estimation.executors import PickledConfig, run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.levenberg_marquardt import measured_steps
-from sma_sim.evidence.estimation.problem import EvaluationTask, LinearizedRun, Problem, evaluate, linearize
+from sma_sim.evidence.estimation.problem import EvaluationTask, LinearizedRun, Problem, evaluate, linearize, near
 from sma_sim.evidence.estimation.search_context import SearchContext, Stop
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.criteria import CRITERIA
@@ -98,6 +98,7 @@ class LinearizedFit:
         self.residuals = np.concatenate([run.residuals.ravel() for run in self.linear])
         self._project = Projection(self.linear, len(z))
         self.projected_residuals = self._project(self.residuals)
+        self._runs = near(problem, [run.correction for run in self.linear]).runs
         self._config, self._indices = problem.at_tolerance(RESPONSE_RTOL).fitted(z), problem.indices()
         self._nominal = [self._submit(PickledConfig(self._config), k) for k in range(len(problem.runs))]
         self._frequencies = peak_frequencies(problem, self.linear)
@@ -146,7 +147,7 @@ class LinearizedFit:
 
     def _submit(self, config: PickledConfig, k: int) -> Future[list[Any]]:
         """The residuals of run k."""
-        run = self._problem.runs[k]
+        run = self._runs[k]
         nuisance = self._problem.nuisance(run, self._z[self._indices[k]])
         return self._pool.submit(evaluate, EvaluationTask(run, ((config, nuisance),)))
 

@@ -1,0 +1,117 @@
+"""Fits to runs whose command changes at every moment: trial steps under the smoothed command, corrected by what it lacks."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from threading import Event
+
+import numpy as np
+import pytest
+from closed_loops import closed_loop
+from systems import active, make_model
+
+from sma_sim import Dataset, FitOptions, Recording, module_input, simulate
+from sma_sim.evidence.estimation.calibrate import final_fit, problem_for
+from sma_sim.evidence.estimation.levenberg_marquardt import minimize
+from sma_sim.evidence.estimation.problem import linearize, near, residuals_at, start_point
+from sma_sim.evidence.estimation.residuals import (
+    LACKING,
+    Nuisance,
+    fit_data,
+    leeway_for,
+    smoothed_residuals,
+    weighted_residuals,
+)
+from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.estimation.stop_criteria import ALL_SAMPLES, FROM_PRIORS
+from sma_sim.solver.model import Model
+
+DURATION = 20.0
+NOISE = {'U_y': 2e-5, 'alpha': 3.5e-4, 'F_1': 0.05, 'F_2': 0.05}
+NAMES = ('wire.c_V', 'wire.lambda', 'wire.E_A', 'beam.E')
+
+
+def dataset_of(model, source, seed=0):
+    times, random = np.linspace(0.0, DURATION, 501), np.random.default_rng(seed)
+    shown = simulate(model, source, times)
+    columns = dict(zip(NOISE, ('U_y_m', 'alpha_rad', 'F_1_N', 'F_2_N'), strict=True))
+    channels = {name: shown[columns[name]] + std * random.standard_normal(501) for name, std in NOISE.items()}
+    return Dataset((Recording('run', 'module', times, channels, source),), NOISE)
+
+
+def fitted_loop(kind):
+    model = make_model('module', kind)
+    return model, dataset_of(model, closed_loop(model, DURATION, 0, per_scale=40.0))
+
+
+@pytest.fixture
+def pool():
+    with ThreadPoolExecutor(1) as threads:
+        yield threads
+
+
+@pytest.mark.parametrize('kind', ['hybrid', 'mas'])
+def test_trial_steps_are_exact_where_they_begin_and_nearly_so_beside(kind, pool):
+    """Residuals are those of the run row by row; the error beside is a small part of what changes."""
+    model, dataset = fitted_loop(kind)
+    problem = problem_for(dataset, model.config, FitOptions(), 1)
+    z = start_point(problem) + 0.05
+    (linear,) = linearize(problem, z, pool)
+    nearby = near(problem, [linear.correction])
+    (here,), (trial,) = residuals_at(problem, z, pool), residuals_at(nearby, z, pool)
+    assert np.abs(linear.correction).max() > 0.1
+    assert np.array_equal(linear.residuals, here) and np.abs(trial - here).max() < 1e-9
+    (there,), (beside,) = residuals_at(problem, z + 0.02, pool), residuals_at(nearby, z + 0.02, pool)
+    change = np.sqrt(np.mean((there - here) ** 2))
+    assert change > 1.0 and np.sqrt(np.mean((beside - there) ** 2)) < 0.01 * change
+
+
+@pytest.mark.parametrize('kind', ['hybrid', 'mas'])
+def test_fits_end_where_they_end_row_by_row(kind, pool):
+    """A search so near, or lower, that the score tells no difference, the last fit to what its criteria leave open."""
+    model, dataset = fitted_loop(kind)
+    options, context = FitOptions(free=NAMES), SearchContext(pool, Event())
+    problem = problem_for(dataset, model.config, options, 1)
+    rows = replace(problem, runs=tuple(replace(run, leeway=None) for run in problem.runs))
+    assert problem.runs[0].leeway is not None
+    fits = [minimize(one, start_point(one) + 0.2, FROM_PRIORS, context) for one in (problem, rows)]
+    assert fits[0].cost < fits[1].cost + 0.3 and fits[0].problem is problem
+    last = final_fit(dataset, fits[0], options, context)
+    by_rows = minimize(last.problem, fits[1].z, ALL_SAMPLES, context)
+    assert last.problem.runs[0].leeway is None and last.cost < by_rows.cost + 0.03
+    (run,) = linearize(last.problem, last.z, pool)
+    jacobian = run.jacobian.reshape(len(last.z), -1)
+    stds = np.sqrt(np.diag(np.linalg.inv(jacobian @ jacobian.T + np.eye(len(jacobian)))))
+    assert (np.abs(last.z - by_rows.z) < 0.3 * stds).all()
+
+
+def test_commands_are_smoothed_as_far_as_noise_hides_it(pool):
+    """Of recordings without noise they are not, where that would be felt and gains no time."""
+    model, dataset = fitted_loop('hybrid')
+    run = fit_data(dataset.recordings[0], NOISE)
+    leeway = leeway_for(model.config, run)
+    finer = leeway_for(model.config, replace(run, weight=4.0 * run.weight))
+    assert finer is None or finer.heat < 0.5 * leeway.heat
+    assert leeway_for(model.config, replace(run, weight=1e3 * run.weight)) is None
+    lacking = weighted_residuals(model, run) - smoothed_residuals(model, replace(run, leeway=leeway), Nuisance())
+    assert 0.01 < np.sqrt(np.mean(lacking**2, axis=1)).max() < 1.5 * LACKING
+
+
+def test_few_rows_are_never_smoothed(pool):
+    model = make_model()
+    problem = problem_for(
+        dataset_of(model, module_input([0.0, 5.0, 12.0, 20.0], [0.0, 9.0, -9.0, 0.0])), model.config, FitOptions(), 1
+    )
+    linear = linearize(problem, start_point(problem), pool)
+    assert linear[0].correction is None and near(problem, [None]) is problem
+
+
+def test_what_a_line_does_not_pass_is_run_row_by_row():
+    """A threshold in the driver, in a fit whose corrections are those of a driver without."""
+    model, dataset = fitted_loop('hybrid')
+    (run,) = problem_for(dataset, model.config, FitOptions(), 1).runs
+    other = Model(model.config.variant(effects=(active('driver_deadband'),)))
+    corrected = replace(run, correction=np.ones_like(run.measured))
+    assert smoothed_residuals(other, run, Nuisance()) is None
+    assert np.array_equal(weighted_residuals(other, corrected), weighted_residuals(other, run))
+    difference = weighted_residuals(model, corrected) - smoothed_residuals(model, run, Nuisance())
+    assert difference == pytest.approx(1.0)
