@@ -28,7 +28,6 @@ from sma_sim.evidence.search.refine import (
 MAX_COMPONENTS = 3  # of a model: it bounds the time of a search, and recordings of few runs seldom tell more
 PARENTS = 3  # models of a level that are extended
 EQUATIONS_AFTER = 2  # components: one listed effect that leaves nothing needs no equation, two may imitate a single one
-EXCHANGED = 6  # components that are tried in place of one
 EXCHANGE_SHARE = 0.5  # of what that one promises, which they must: to first order neither is exact
 DIFFERENCES = 2  # between recordings that are fitted beside a model, without a sketch: their promises are nearly exact
 SKETCHED_TERMS = 2 * SKETCHED  # of equations: of ten times as many as there are effects, neighbours are alike
@@ -270,7 +269,7 @@ def exchange(best: Model, component: Component, book: Book, context: SearchConte
         for one in proposals
         if one.promise >= EXCHANGE_SHARE * own and base.names | {one.component.name} not in near
     ]
-    add_extended(base, chosen[:EXCHANGED], book, context, restarts=False)
+    add_extended(base, chosen[:SKETCHED], book, context, restarts=False)
 
 
 def exchange_difference(best: Model, component: Component, book: Book, context: SearchContext) -> None:
@@ -281,7 +280,7 @@ def exchange_difference(best: Model, component: Component, book: Book, context: 
     context.on_progress(f'which effect may stand in place of {component.name}')
     base = without_difference(best, component, book.ranked(0)[0].fit.problem)
     proposals = propose.listed(base.fit, book.catalogue, {one.plain_name for one in base.components}, context)
-    add_extended(base, [one.component for one in proposals[:EXCHANGED]], book, context, restarts=False)
+    add_extended(base, [one.component for one in proposals[:SKETCHED]], book, context, restarts=False)
 
 
 def words(model: Model) -> str:
