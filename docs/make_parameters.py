@@ -10,16 +10,13 @@ from math import isfinite
 from pathlib import Path
 
 from sma_sim.model.effects.discovery import find_effects
-from sma_sim.model.parameters import (
+from sma_sim.model.parameters import ENVIRONMENT_PARAMETERS, SOLVER_PARAMETERS, WIRE_PARAMETERS, Parameter
+from sma_sim.model.program_parameters import (
     CHECK_PARAMETERS,
     CONTROL_PARAMETERS,
-    ENVIRONMENT_PARAMETERS,
     GUARD_PARAMETERS,
     NODE_PARAMETERS,
     OBSERVER_PARAMETERS,
-    SOLVER_PARAMETERS,
-    WIRE_PARAMETERS,
-    Parameter,
 )
 from sma_sim.model.structures.discovery import package_structures
 from sma_sim.model.structures.structure import Coordinate, Structure

@@ -21,7 +21,7 @@ from sma_sim.model.config import Config, read_config
 from sma_sim.model.errors import UserError
 from sma_sim.model.layout import O_EPS, O_SIGMA
 from sma_sim.model.parameter_file import yaml_number
-from sma_sim.model.parameters import DEFAULTS
+from sma_sim.model.program_parameters import DEFAULTS
 from sma_sim.solver.inputs import module_input
 from sma_sim.solver.model import Model
 from sma_sim.solver.simulate import new_run, new_work, simulate

@@ -20,7 +20,7 @@ from sma_sim.evidence.data.rosbag.reader import interface_of_robot, read_bag
 from sma_sim.evidence.data.rosbag.run_writer import interface_of_columns
 from sma_sim.evidence.data.tables import Vector, read_header
 from sma_sim.model.errors import UserError
-from sma_sim.model.parameters import DEFAULTS
+from sma_sim.model.program_parameters import DEFAULTS
 from sma_sim.model.progress import ProgressLine
 from sma_sim.model.structures.structure import Structure
 from sma_sim.ros.entry import NO_ROS

@@ -37,7 +37,8 @@ from sma_sim.model.given import (
 )
 from sma_sim.model.nearest import suggestion as suggestion
 from sma_sim.model.parameter_yaml import ConfigError as ConfigError
-from sma_sim.model.parameters import KELVIN, SETTINGS, Parameter, Setting, is_number, joint_name_setting, kelvin_hint
+from sma_sim.model.parameters import KELVIN, Parameter, is_number, kelvin_hint
+from sma_sim.model.program_parameters import SETTINGS, Setting, joint_name_setting
 from sma_sim.model.renamed import renamed, warn_of
 from sma_sim.model.structures.discovery import (
     FoundStructure,

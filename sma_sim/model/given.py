@@ -9,7 +9,7 @@ from typing import Any
 
 from sma_sim.model.nearest import nearest
 from sma_sim.model.parameter_yaml import ConfigError, belongs_to_ros, check_of_ros, flatten, read_yaml
-from sma_sim.model.parameters import DEFAULTS
+from sma_sim.model.program_parameters import DEFAULTS
 
 KINETICS_NAMES = ('model', 'kinetics')  # in files, which go on having the first
 LISTS = ('effects.active', 'effects.paths', 'structures.paths')

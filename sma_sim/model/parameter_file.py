@@ -8,7 +8,8 @@ from dataclasses import replace
 from decimal import Decimal
 
 from sma_sim.model.config import AUTO, MODELS, Config, folders_of, settings_of
-from sma_sim.model.parameters import GROUPS, PAPER, Parameter, Setting
+from sma_sim.model.parameters import PAPER, Parameter
+from sma_sim.model.program_parameters import GROUPS, Setting
 from sma_sim.model.structures.discovery import package_structures
 from sma_sim.model.structures.structure import Structure
 

@@ -17,7 +17,7 @@ from std_msgs.msg import Float64, Float64MultiArray
 from sma_sim.evidence.data.display_units import ZERO_CELSIUS
 from sma_sim.evidence.data.rosbag.commands import clipped, refusal
 from sma_sim.evidence.data.rosbag.interface import PAIR_COMMAND, WIRE_COMMAND
-from sma_sim.model.parameters import DEFAULTS
+from sma_sim.model.program_parameters import DEFAULTS
 from sma_sim.model.structures.structure import Drive, Structure
 
 ENVIRONMENT = 'environment.T_E'

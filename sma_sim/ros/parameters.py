@@ -16,8 +16,8 @@ from sma_sim.model.config import AUTO, MODELS, Config, checked, names_of_effects
 from sma_sim.model.effects.discovery import effects_on, find_effects
 from sma_sim.model.given import LISTS, RawValue, given_in_file, given_over, named_folders
 from sma_sim.model.parameter_yaml import ConfigError, NothingForNode, belongs_to_ros
-from sma_sim.model.parameters import DEFAULTS
 from sma_sim.model.parameters import Parameter as NumberParameter
+from sma_sim.model.program_parameters import DEFAULTS
 from sma_sim.model.structures.discovery import package_structures
 from sma_sim.ros.command import ENVIRONMENT
 from sma_sim.ros.qos import GIVEN

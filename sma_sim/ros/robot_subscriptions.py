@@ -27,7 +27,7 @@ from sma_sim.evidence.data.rosbag.interface import APPLIED, PAIR_COMMAND, RESIST
 from sma_sim.evidence.monitoring.live_model import InputChange
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
-from sma_sim.model.parameters import DEFAULTS
+from sma_sim.model.program_parameters import DEFAULTS
 from sma_sim.model.structures.structure import Structure
 from sma_sim.ros.command import WARNING_PERIOD, Ambient, SetPoint, heating_command
 from sma_sim.ros.control import DIAGNOSTICS_PERIOD

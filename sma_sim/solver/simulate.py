@@ -22,7 +22,7 @@ from sma_sim.model.layout import (
     InputPoint,
     SystemState,
 )
-from sma_sim.model.parameters import DEFAULTS
+from sma_sim.model.program_parameters import DEFAULTS
 from sma_sim.model.progress import progress_line
 from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.clock import held_until, seen_at

@@ -8,7 +8,7 @@ import pytest
 
 from sma_sim import find_effects
 from sma_sim.cli.main import main
-from sma_sim.model.parameters import DEFAULTS
+from sma_sim.model.program_parameters import DEFAULTS
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from std_msgs.msg import Float64  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 
 from sma_sim.model.errors import UserError  # noqa: E402
-from sma_sim.model.parameters import DEFAULTS, SETTINGS  # noqa: E402
+from sma_sim.model.program_parameters import DEFAULTS, SETTINGS  # noqa: E402
 from sma_sim.ros.main import PROGRAM  # noqa: E402
 from sma_sim.ros.parameters import configure  # noqa: E402
 

@@ -16,7 +16,7 @@ from sma_sim.evidence.estimation.recording_differences import RecordingDifferenc
 from sma_sim.evidence.estimation.residuals import elapsed, fit_data
 from sma_sim.evidence.estimation.run_estimates import score_overdispersion, shown_value
 from sma_sim.model.effects.discovery import find_effects
-from sma_sim.model.parameters import DEFAULTS
+from sma_sim.model.program_parameters import DEFAULTS
 
 
 @pytest.fixture

@@ -39,7 +39,8 @@ from sma_sim.evidence.estimation.residuals import (
 )
 from sma_sim.evidence.estimation.uncertainty import Interval
 from sma_sim.model.effects.ports import CHANNELS
-from sma_sim.model.parameters import DEFAULTS, Parameter
+from sma_sim.model.parameters import Parameter
+from sma_sim.model.program_parameters import DEFAULTS
 from sma_sim.model.structures.module import STRUCTURE as MODULE
 
 

@@ -28,7 +28,7 @@ from sma_sim.evidence.estimation.uncertainty import (
     with_other_minima,
 )
 from sma_sim.model.errors import UserError
-from sma_sim.model.parameters import DEFAULTS
+from sma_sim.model.program_parameters import DEFAULTS
 from sma_sim.words.fit_remarks import other_minima, remarks_on
 
 

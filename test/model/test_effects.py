@@ -17,7 +17,8 @@ from sma_sim.model.effects.meaning import acting_coordinates, acts_on
 from sma_sim.model.effects.ports import CHANNELS, PORT_NAMES, PORT_OUTPUTS, State, call_kernel
 from sma_sim.model.layout import O_DX, O_S_A, O_S_M, O_SIGMA, O_X
 from sma_sim.model.material import stress
-from sma_sim.model.parameters import DEFAULTS, BeamConstants, WireConstants, beam_constants, wire_constants
+from sma_sim.model.parameters import BeamConstants, WireConstants, beam_constants, wire_constants
+from sma_sim.model.program_parameters import DEFAULTS
 from sma_sim.model.structures.discovery import package_structures
 from sma_sim.model.structures.module import STRUCTURE as MODULE
 from sma_sim.model.transformation import offsets

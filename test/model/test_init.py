@@ -18,7 +18,7 @@ from sma_sim.cli.main import main
 from sma_sim.model.config import Config, read_config
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameter_file import parameter_file, yaml_number
-from sma_sim.model.parameters import DEFAULTS
+from sma_sim.model.program_parameters import DEFAULTS
 
 ROOT = Path(__file__).resolve().parents[2]
 ANSWER = 300.0  # [s]; the first check ever compiles

@@ -15,7 +15,7 @@ import yaml
 
 from sma_sim import Config, Input, Model
 from sma_sim.model.given import flatten, read_yaml
-from sma_sim.model.parameters import DEFAULTS, SETTINGS
+from sma_sim.model.program_parameters import DEFAULTS, SETTINGS
 from sma_sim.solver.fixed_rate import simulate_fixed_rate
 
 ros_client = pytest.importorskip('ros_client', reason='rclpy is not installed', exc_type=ImportError)

@@ -4,7 +4,7 @@ import pytest
 import yaml
 
 from sma_sim import read_config
-from sma_sim.model.parameters import DEFAULTS
+from sma_sim.model.program_parameters import DEFAULTS
 
 ros_client = pytest.importorskip('ros_client', reason='rclpy is not installed', exc_type=ImportError)
 from rcl_interfaces.srv import GetParameters, ListParameters  # noqa: E402

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sma_sim.model.material import sigma_A, sigma_M
-from sma_sim.model.parameters import DEFAULTS
+from sma_sim.model.program_parameters import DEFAULTS
 from sma_sim.solver import paper_experiments as paper
 from sma_sim.solver.inputs import inputs_at, module_input, regular_times
 from sma_sim.solver.paper_experiments import (

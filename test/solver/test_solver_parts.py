@@ -11,7 +11,7 @@ from sma_sim import Config, Input, Model, UserError, module_input, simulate, wir
 from sma_sim.compiler.structure_kernels import check_gradients
 from sma_sim.model.automaton import INNER
 from sma_sim.model.layout import O_DL, O_DX, O_F, O_J, O_LENGTH, O_SIGMA, O_V, O_X, SystemState
-from sma_sim.model.parameters import DEFAULTS
+from sma_sim.model.program_parameters import DEFAULTS
 from sma_sim.model.structures.discovery import StructureError, package_structures
 from sma_sim.model.structures.structure import numbers, record
 from sma_sim.solver import simulate as simulation

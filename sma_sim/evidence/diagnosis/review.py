@@ -17,7 +17,6 @@ from sma_sim.evidence.residual_analysis.metrics import ChannelScore, channel_sco
 from sma_sim.evidence.residual_analysis.summary import Summary, summarize
 from sma_sim.evidence.set_up.faults import without_faults
 from sma_sim.model.config import Config
-from sma_sim.model.parameters import DEFAULTS
 
 
 @dataclass(frozen=True)
@@ -69,7 +68,7 @@ def reviewed(diagnosis: Diagnosis, dataset: Dataset, held_out: Dataset | None, g
         for step in diagnosis.selection_steps
         if step.accepted is not None and (change := diagnosis.change('added', step.accepted.name)) is not None
     }
-    given_values = {name: parameter.default for name, parameter in DEFAULTS.items()} | given.values
+    given_values = given.values
     for parameter in diagnosis.calibration.free:
         given_values.setdefault(parameter.name, parameter.center)
     comparison = compared_calibration(diagnosis.calibration, training, held_out, diagnosis.predicted, 'last step')

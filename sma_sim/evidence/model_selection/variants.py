@@ -21,7 +21,8 @@ from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.meaning import POSE, acting_coordinates
 from sma_sim.model.effects.ports import State
 from sma_sim.model.effects.scope import Scope
-from sma_sim.model.parameters import DEFAULTS, beam_constants
+from sma_sim.model.parameters import beam_constants
+from sma_sim.model.program_parameters import DEFAULTS
 
 POSE_RATE = ('dU_x', 'dU_y', 'dalpha')
 

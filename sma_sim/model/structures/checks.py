@@ -8,8 +8,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from sma_sim.model.parameters import DEFAULTS, is_number
 from sma_sim.model.parameters import fault_of as fault_of_parameter
+from sma_sim.model.parameters import is_number
+from sma_sim.model.program_parameters import DEFAULTS
 from sma_sim.model.structures.structure import Coordinate, Structure, numbers, record
 
 

@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.model.errors import UserError
-from sma_sim.model.parameters import DEFAULTS, INITIAL_PARAMETERS, KELVIN, Parameter, initial_fraction
+from sma_sim.model.parameters import INITIAL_PARAMETERS, KELVIN, Parameter, initial_fraction
+from sma_sim.model.program_parameters import DEFAULTS
 from sma_sim.model.structures.links import AXES, Drawing, LinkTree
 
 Constants = Any  # a named tuple of numbers, the structure's own
