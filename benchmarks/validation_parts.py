@@ -359,10 +359,12 @@ PARTS = (
         minutes=2,
         command=script('dense'),
         text='100 s of a PI controller at 50 Hz with a noisy sensor, 5,000 changes of the command, against the same with 10 '
-        'steps: ratios of processor times, by the standard deviation of the changes from row to row.',
+        'steps: ratios of processor times, by the standard deviation of the changes from row to row. Trial steps and '
+        'tangents are those of a search, under the smoothed command.',
         subject=SOLVER,
         headline=lambda r: (
-            f'{span(every(r, "simulation_ratio"))} times the time of 10 steps, tangents {span(every(r, "tangents_ratio"))}'
+            f'{span(every(r, "simulation_ratio"))} times the time of 10 steps, trial steps of a search '
+            f'{span(every(r, "trial_ratio"))}, tangents {span(every(r, "tangents_ratio"))}'
         ),
     ),
     Part(
