@@ -25,7 +25,7 @@ NO_COMMAND, IN_FORCE = 'none since the start', 'in force'  # states of the comma
 TIMED_OUT, TURNED_OFF = 'timed out', 'timed out, heating turned off'  # the former was zero already
 WARNING_PERIOD = 2.0  # [s] between two warnings of one kind
 MAX_SHOWN = 8  # numbers of a message that is refused
-GUARDED_TIMEOUT = 0.15  # [s] of simulated time, node.command_timeout of a robot whose commands come from a guard
+GUARDED_TIMEOUT = 0.1  # [s] of simulated time, node.command_timeout of a robot whose commands come from a guard
 
 
 class Command:

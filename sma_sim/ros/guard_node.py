@@ -1,8 +1,9 @@
 """The node `sma_guard`: what a controller asks for, less the heating that would spoil a wire.
 
-It publishes a command for every estimate that `sma_observer` publishes, and zero whenever the controller, the robot or the
-observer is silent. Whatever stops it, but SIGKILL or a crash, leaves a command of zero behind, as all programs that command
-a robot do (`ros.command_session`); after those the robot's own `node.command_timeout` must.
+It publishes a command for every estimate that `sma_observer` publishes, less and less while the next one does not come, and
+zero whenever the controller, the robot or the observer is silent. Whatever stops it, but SIGKILL or a crash, leaves
+a command of zero behind, as all programs that command a robot do (`ros.command_session`); after those the robot's own
+`node.command_timeout` must.
 """
 
 from __future__ import annotations
@@ -46,6 +47,7 @@ POLL_PERIOD = 0.002  # [s] between two looks for messages
 REPEAT_PERIOD = 0.05  # [s] between two commands of zero
 AGAIN_AFTER = 1.0  # [s] after which the end of an intervention is said, and another one of its kind anew
 REQUESTED = '_requested'
+COMPLETE = f'{PREFIX}wire_modes'  # the last message of an estimate
 
 
 class WireGuard:
@@ -74,6 +76,9 @@ class WireGuard:
         self._decision = Decision((0.0,) * len(structure.commands), 1.0, '', '')
         self._said: dict[str, float] = {}  # when an intervention of a kind was in force last [s]
         self._commands, self._published_at = 0, -math.inf
+        self._estimate: Estimate | None = None
+        self._is_estimated = False  # what was heard last
+        self._again_after = 0.5 * config.parameters['guard.horizon']  # [s] a command is judged anew without any message
         follow_live_parameters(node, {ENVIRONMENT: self._apply_T_E}, use_sim_time)
 
     def _connect(self, node: Node, topic: str) -> None:
@@ -109,7 +114,10 @@ class WireGuard:
         """Look at the messages that have come until `now` [s] and publish what they ask for; what is in force then."""
         due = False
         while self._new:
-            due = self._new.popleft() in (f'{PREFIX}wire_modes', self._request) or due
+            topic = self._new.popleft()
+            self._is_estimated = self._is_estimated and topic != COMPLETE
+            due = topic in (COMPLETE, self._request) or due
+        due = due or now >= self._published_at + self._again_after
         silent = self._silent(now)
         if silent:
             self._turn_off(silent, now)
@@ -157,9 +165,11 @@ class WireGuard:
             expected = len(self._structure.commands)
             self._turn_off(f'{self._request} has {len(asked)} numbers; expected {expected}', now)
             return
-        estimate = self._estimate()
-        # What is in force was judged with an estimate as old as its transport; the horizon covers that.
-        self._publish(self._guard.limit(asked, estimate, estimate.time if estimate else 0.0), now)
+        if not self._is_estimated:
+            self._estimate, self._is_estimated = self._read(), True
+        # An estimate is as old as its transport when it arrives; the horizon covers that.
+        age, estimate = now - self._heard[COMPLETE][0], self._estimate
+        self._publish(self._guard.limit(asked, estimate, estimate.time + age if estimate else 0.0), now)
 
     def _turn_off(self, why: str, now: float) -> None:
         off = Decision((0.0,) * len(self._structure.commands), 0.0, why.partition(':')[0].partition(' has ')[0], why)
@@ -186,7 +196,7 @@ class WireGuard:
     def _message(self, J: Sequence[float]) -> Any:
         return Float64(data=float(J[0])) if self._pair else self._messages.heating([float(one) for one in J])
 
-    def _estimate(self) -> Estimate | None:
+    def _read(self) -> Estimate | None:
         """The estimate that the observer has published last; None for one that cannot be used."""
         wires, last = self._structure.wires, {topic: message for topic, (_, message) in self._heard.items()}
         temperatures = [last[f'{PREFIX}{wire}/temperature'] for wire in self._wires]

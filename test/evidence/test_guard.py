@@ -61,6 +61,19 @@ def test_full_power_stops_below_the_limit_and_stays_near_it(known):
     assert 'T of wire 1 would be' in decisions[-1].reason and 'guard.T_max 350 K' in decisions[-1].reason
 
 
+def test_no_wire_gets_too_hot_while_the_next_estimate_does_not_come():
+    """The heat balance of a wire that does not transform, under commands that are judged anew with the last estimate."""
+    w, guard = Model(Config()).wire, Guard(Config({'guard.T_max': T_MAX, 'guard.margin': 0.0}))
+    cooling, T, dt, seen, J = w.lambda_ * w.surface, [335.0], 0.002, estimate((335.0, 300.0)), []
+    decay = np.exp(-cooling * dt / (w.volume * w.rho * w.c_V))
+    for k in range(75):
+        J += guard.limit(30.0, seen, k * dt).J_eq
+        T.append(T[-1] * decay + (298.0 + J[-1] / (w.n * cooling)) * (1.0 - decay))
+    assert T_MAX - 1.5 < max(T) < T_MAX + 0.01 and J[0] > 2.0 * J[-1] > 0.0
+    (again,) = guard.limit(30.0, estimate((335.0, 300.0), time=0.15), 0.15).J_eq
+    assert again == pytest.approx(J[0])
+
+
 def test_stress_stops_below_its_limit():
     limit = 1.5e8
     T, stress, decisions, _ = guarded([30.0] * 250, Config({'guard.stress_max': limit, 'guard.T_max': 500.0}))

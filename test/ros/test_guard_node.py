@@ -6,6 +6,7 @@ import sys
 import time
 from contextlib import ExitStack
 
+import numpy as np
 import pytest
 
 ros_client = pytest.importorskip('ros_client', reason='rclpy is not installed', exc_type=ImportError)
@@ -171,6 +172,19 @@ def test_zero_follows_the_last_message_of_a_part_within_the_silence_and_one_look
             assert off_at is None or J_eq == (0.0,)
             off_at = now if off_at is None and J_eq == (0.0,) else off_at
         assert off_at is not None and dead_at < off_at <= last + bound + 1e-9
+
+
+def test_less_is_let_through_while_the_next_estimate_does_not_come():
+    config = Config({'guard.T_max': 350.0})
+    with ros_client.listener(ros_client.any_domain()) as node:
+        guard, allowed = WireGuard(node, config, False), []
+        for k in range(70):
+            now = 100.0 + k * POLL_PERIOD
+            for who, said in messages(T=60.0).items() if k % 5 == 0 else ():
+                for topic, message in said.items() if who != 'observer' or k == 0 else ():
+                    guard.hear(topic, Float64(data=25.0) if who == 'controller' else message, now)
+            allowed.append(guard.look(now).J_eq[0])
+        assert all(np.diff(allowed) <= 0.0) and 2.0 < allowed[-1] < 0.6 * allowed[0]
 
 
 class Processes(ros_client.Simulation):

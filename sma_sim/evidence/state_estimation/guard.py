@@ -7,6 +7,9 @@ Over the time h that a command may stay in force, a wire of heat capacity C that
 because heating lets it transform to austenite, which takes latent heat in addition (L3). Its stress rises by sigma_T for
 each kelvin at most: that is the slope of the stress at which it transforms back (MAS8), which it does not exceed. Both are
 linear in the heating, so the largest part of a command that keeps all limits is found at once.
+
+An estimate that is older than the command is carried on by the same bounds, under what was let through since, so that less
+is let through where the next estimate does not come.
 """
 
 from __future__ import annotations
@@ -15,7 +18,7 @@ import json
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -125,7 +128,9 @@ class Guard:
         }
         self.T_E = config.parameters['environment.T_E']
         self.counters = counters or Counters(cycles=[0.0] * self._wires)
-        self._before: Estimate | None = None
+        self._carried: Estimate | None = None  # the last estimate, as it was at the last command
+        self._last: Estimate | None = None
+        self._heating, self._stretching = np.zeros((2, self._wires))  # let through [W]; rates of the stresses, if they rise
         self._kind = ''
         self._turns: list[tuple[float, int]] = []  # of each wire, the last extreme of x_M, and towards which side it goes
 
@@ -137,7 +142,7 @@ class Guard:
         J_eq : float or sequence of float
             What is asked for [W], one number for each command of the structure.
         estimate : Estimate or None
-            The wires, from an `Observer`; None where there is no estimate.
+            The wires, from an `Observer`; None where there is no estimate. The same one may be given again, later.
         time : float
             When the command is to be in force [s], in the time of the estimate.
 
@@ -157,11 +162,11 @@ class Guard:
         if estimate is not None:
             self._count_cycles(estimate.x_M)
         scale, kind, reason = self._judged(asked, estimate, time)
-        self._before = estimate
         if kind and kind != self._kind:
             self.counters.interventions[kind] += 1
         self._kind = kind
         allowed = asked * scale if scale > 0.0 else np.zeros(self._commands)
+        self._heating = self._heating_of(allowed)
         return Decision(tuple(allowed.tolist()), scale, kind, reason)
 
     def _judged(self, asked: Vector, estimate: Estimate | None, time: float) -> tuple[float, str, str]:
@@ -176,36 +181,55 @@ class Guard:
         if not (T_std <= most).all():
             wire = int(np.argmax(T_std))
             return 0.0, UNCERTAIN, f'T of wire {wire + 1} is known to {T_std[wire]:.1f} K only (guard.T_std_max {most:g} K)'
-        heating = np.array([commanded_heating(i, np.append(asked, 0.0), self._system) for i in range(self._wires)])
+        estimate, heating = self._as_at(estimate, time), self._heating_of(asked)
         if not heating.any():
             return 1.0, '', ''
-        found = [self._by_temperature(heating, estimate, late), self._by_stress(heating, estimate, late)]
+        found = [self._by_temperature(heating, estimate), self._by_stress(heating, estimate)]
         found += [self._by_strain(estimate), self._by_cycles(heating)]
         kind = int(np.argmin([scale for scale, _ in found]))
         scale, reason = found[kind]
         return (1.0, '', '') if scale >= 1.0 else (max(scale, 0.0), OVER[kind], reason)
 
-    def _prediction(self, heating: Vector, estimate: Estimate, late: float) -> tuple[Vector, Vector]:
-        """Temperatures without heating at the end of the horizon, and what heating adds (wires,) [K]."""
+    def _heating_of(self, J_eq: Vector) -> Vector:
+        """Of one wire of each bundle (wires,) [W]."""
+        return np.array([commanded_heating(i, np.append(J_eq, 0.0), self._system) for i in range(self._wires)])
+
+    def _as_at(self, estimate: Estimate, time: float) -> Estimate:
+        """An estimate as it may be at a time [s]: no wire is hotter and none under more stress."""
+        before, self._last = self._last, estimate
+        if before is not estimate or self._carried is None:
+            passed = 0.0 if before is None else estimate.time - before.time
+            rates = np.zeros(self._wires) if before is None or passed <= 0.0 else (estimate.stress - before.stress) / passed
+            self._carried, self._stretching = estimate, np.maximum(rates, 0.0)
+        since, lasted = self._carried, max(time - self._carried.time, 0.0)
+        T, rise = self._prediction(self._heating, since, lasted)
+        stress = since.stress + np.where(
+            self._heating > 0.0, self._wire.sigma_T * np.maximum(T + rise - since.T, 0.0), self._stretching * lasted
+        )
+        self._carried = replace(since, time=since.time + lasted, T=T + rise, stress=stress)
+        return self._carried
+
+    def _prediction(self, heating: Vector, estimate: Estimate, lasted: float) -> tuple[Vector, Vector]:
+        """Temperatures after so many seconds without heating, and what heating adds (wires,) [K]."""
         w = self._wire
         cooling = w.lambda_ * w.surface
-        decay = math.exp(-cooling * (self._limits['horizon'] + max(late, 0.0)) / (w.volume * w.rho * w.c_V))
+        decay = math.exp(-cooling * lasted / (w.volume * w.rho * w.c_V))
         return estimate.T * decay + self.T_E * (1.0 - decay), heating / cooling * (1.0 - decay)
 
-    def _by_temperature(self, heating: Vector, estimate: Estimate, late: float) -> tuple[float, str]:
-        T, rise = self._prediction(heating, estimate, late)
+    def _by_temperature(self, heating: Vector, estimate: Estimate) -> tuple[float, str]:
+        T, rise = self._prediction(heating, estimate, self._limits['horizon'])
         limit = self._limits['T_max'] - self._limits['margin'] * estimate.T_std
         scale, wire = smallest(limit - T, rise)
         return scale, f'T of wire {wire + 1} would be {T[wire] + rise[wire]:.1f} K (guard.T_max {self._limits["T_max"]:g} K)'
 
-    def _by_stress(self, heating: Vector, estimate: Estimate, late: float) -> tuple[float, str]:
+    def _by_stress(self, heating: Vector, estimate: Estimate) -> tuple[float, str]:
         """A wire that is not heated is stretched by the others: as fast as until now, as long as they are."""
-        T, rise = self._prediction(heating, estimate, late)
+        T, rise = self._prediction(heating, estimate, self._limits['horizon'])
         slope = self._wire.sigma_T
         coasting = slope * np.minimum(T - estimate.T, 0.0)  # of a wire that cools: none is counted on where it is not heated
         heated = heating > 0.0
         without = estimate.stress + np.where(heated, coasting, 0.0)
-        more = np.where(heated, slope * rise, self._stretching(estimate))
+        more = np.where(heated, slope * rise, self._stretching * self._limits['horizon'])
         limit = self._limits['stress_max'] - self._limits['margin'] * estimate.stress_std
         scale, wire = smallest(limit - without, more)
         highest = 1e-6 * (without[wire] + more[wire])
@@ -213,14 +237,6 @@ class Guard:
             scale,
             f'stress of wire {wire + 1} would be {highest:.0f} MPa (limit {1e-6 * self._limits["stress_max"]:g} MPa)',
         )
-
-    def _stretching(self, estimate: Estimate) -> Vector:
-        """By how much stresses rise within the horizon as they did until now (wires,) [Pa]."""
-        before = self._before
-        if before is None or not estimate.time > before.time:
-            return np.zeros(self._wires)
-        rate = (estimate.stress - before.stress) / (estimate.time - before.time)
-        return np.maximum(rate, 0.0) * self._limits['horizon']
 
     def _by_strain(self, estimate: Estimate) -> tuple[float, str]:
         wire, most = int(np.argmax(estimate.strain)), self._limits['strain_max']
