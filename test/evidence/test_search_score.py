@@ -234,15 +234,15 @@ def test_order_of_channels_and_runs_and_units_change_nothing(robot, tmp_path):
     assert difference(other_units) == pytest.approx(expected, rel=1e-5)
 
 
-@pytest.mark.parametrize(('rho', 'size'), [(0.0, 1.0), (0.9, 2.0)])
+@pytest.mark.parametrize(('rho', 'size'), [(0.0, 1.0), (0.9, 2.0), (0.0, 0.1), (0.9, 0.1)])
 def test_overdispersion_of_correlated_residuals(monkeypatch, rho, size):
-    """e sqrt((1 + rho)/(1 - rho)) of an autoregressive series of standard deviation e."""
+    """e sqrt((1 + rho)/(1 - rho)) of an autoregressive series of size e, or of that of the noise if this is larger."""
     random, series = np.random.default_rng(1), np.zeros((1, 20_000))
     for k in range(1, series.size):
         series[0, k] = rho * series[0, k - 1] + np.sqrt(1.0 - rho**2) * random.normal()
     monkeypatch.setattr(dispersion, 'residuals_at', lambda problem, z, pool: [size * series])
     problem = SimpleNamespace(runs=[None], samples=series.size)
-    expected = size * np.sqrt((1.0 + rho) / (1.0 - rho))
+    expected = max(size, 1.0) * np.sqrt((1.0 + rho) / (1.0 - rho))
     assert dispersion.overdispersion(problem, None, None) == pytest.approx(expected, rel=0.1)
     monkeypatch.setattr(dispersion, 'residuals_at', lambda problem, z, pool: [None])
     assert dispersion.overdispersion(problem, None, None) == inf

@@ -1,11 +1,13 @@
 """How much less correlated residuals of a wrong model say than their number and the stated noise would let them.
 
 N residuals of size e (in units of the noise) that stay correlated over tau samples are N/tau independent ones, each as
-uncertain as e: their squares count e^2 tau times too much (1 when the model is right).
+uncertain as e, and no less than the noise that is stated: their squares count max(e, 1)^2 tau times too much (1 when the
+model is right). Where e is below 1, the noise is what errors may be, as of recordings in which none is visible.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from math import inf, sqrt
 
@@ -20,16 +22,17 @@ WHITE_STDS = 3.0  # standard deviations within which white noise stays in all bu
 
 
 def overdispersion(problem: Problem, z: Vector, pool: Executor) -> float:
-    """k: root mean square of the residuals times the root of their longest correlation time in samples, at least 1.
-
-    inf where the model cannot be run.
-    """
+    """k of a model at z; inf where it cannot be run."""
     found = [residuals for residuals in residuals_at(problem, z, pool) if residuals is not None]
-    if len(found) < len(problem.runs):
-        return inf
-    size = sqrt(sum(float(np.vdot(residuals, residuals)) for residuals in found) / problem.samples)
-    longest = max(autocorrelation_time(row) for residuals in found for row in residuals)
-    return max(1.0, size * sqrt(longest))
+    return inf if len(found) < len(problem.runs) else overdispersion_of(problem, found)
+
+
+def overdispersion_of(problem: Problem, residuals: Sequence[Matrix]) -> float:
+    """k of the residuals (channels, k) of every run: their root mean square, if above 1, times the root of their longest
+    correlation time in samples."""
+    squares = sum(float(np.vdot(rows, rows)) for rows in residuals)
+    longest = max(autocorrelation_time(row) for rows in residuals for row in rows)
+    return sqrt(max(squares / problem.samples, 1.0) * max(longest, 1.0))
 
 
 def autocorrelation_time(series: Vector) -> float:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import log, log1p, pi, sqrt
+from math import log, log1p, pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from scipy.fft import dct
 
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import declared_parameters
-from sma_sim.evidence.estimation.overdispersion import autocorrelation_time
+from sma_sim.evidence.estimation.overdispersion import overdispersion_of
 from sma_sim.evidence.estimation.plausibility import realistic_range
 from sma_sim.evidence.estimation.problem import LinearizedRun, NormalEquations, Problem, linearize, normal_equations
 from sma_sim.evidence.estimation.search_context import SearchContext
@@ -183,14 +183,6 @@ def profiled_information(problem: Problem) -> tuple[Vector, ...]:
         np.array([std**2 * float(w @ w) for std, w in zip(run.zero_std, run.weight, strict=False) if std > 0.0])
         for run in problem.runs
     )
-
-
-def overdispersion_of(problem: Problem, residuals: Sequence[Matrix]) -> float:
-    """Root mean square of the residuals (channels, k) of every run times the root of their longest correlation time
-    [samples], at least 1."""
-    squares = sum(float(np.vdot(rows, rows)) for rows in residuals)
-    longest = max(autocorrelation_time(row) for rows in residuals for row in rows)
-    return max(1.0, sqrt(squares / problem.samples * longest))
 
 
 def unlisted_evidence(linear: Sequence[LinearizedRun]) -> float:

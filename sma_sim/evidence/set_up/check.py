@@ -26,6 +26,7 @@ from sma_sim.evidence.estimation.calibrate import SEARCH_SAMPLES, FitOptions, fu
 from sma_sim.evidence.estimation.executors import run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.levenberg_marquardt import bounded_step
+from sma_sim.evidence.estimation.overdispersion import overdispersion_of
 from sma_sim.evidence.estimation.problem import (
     LinearizedRun,
     Problem,
@@ -45,7 +46,7 @@ from sma_sim.evidence.model_selection.refit import refit
 from sma_sim.evidence.search import propose
 from sma_sim.evidence.search.components import catalogue_for
 from sma_sim.evidence.search.refine import SKETCHED, WINDOW, Model, extended, model_of
-from sma_sim.evidence.search.score import SPARSITY, overdispersion_of
+from sma_sim.evidence.search.score import SPARSITY
 from sma_sim.evidence.set_up.faults import Fault, corrected, faults_of, log_share, unit_of
 from sma_sim.model.config import Config
 from sma_sim.solver.inputs import Input, inputs_at
