@@ -465,3 +465,27 @@ def test_a_promise_counts_until_a_fit_has_gone_on_to_the_end(k):
         assert open_one.score(k) == found.score(k)
         taken = open_one.score(k) - ended.score(k)
         assert taken == pytest.approx(found.gain(k), abs=1e-9) and (taken > 0.1) == (away > 0.0)
+
+
+@pytest.mark.parametrize(('led', 'again'), [(40.0, True), (399.0, False)])
+def test_what_a_model_is_made_of_is_fitted_again_where_that_has_led_far(monkeypatch, led, again):
+    """A fit that stops early is taken for one that lacks something, and the one that goes on wins by an effect that does
+    nothing. Here the true pair had ended at 500 squares, and its model with a third effect goes on from 400."""
+    pair, triple = ('gravity', 'natural_convection'), ('gravity', 'natural_convection', 'clamp_slip')
+    book, asked = Book(CATALOGUE, False), []
+    book.add([model(pair, 500.0), model(triple, 400.0)])
+
+    def settled(fitted, k, _):
+        return replace(model(triple, led) if fitted.names == {*triple} else fitted, is_settled=True)
+
+    def without(whole, dropped, _):
+        asked.append(dropped.name)
+        return model(
+            [one.name for one in whole.components if one is not dropped], 41.0 if dropped.name == 'clamp_slip' else 1e4
+        )
+
+    monkeypatch.setattr(beam, 'settled', settled)
+    monkeypatch.setattr(beam, 'without', without)
+    beam.settle(book, SimpleNamespace(stop=Event(), on_progress=lambda _: None))
+    assert set(asked) == ({*triple} if again else set())
+    assert book.best.names == ({*pair} if again else {*triple}) and book.best.is_settled

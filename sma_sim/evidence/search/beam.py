@@ -123,15 +123,21 @@ def expand_level(size: int, book: Book, context: SearchContext) -> None:
 
 def settle(book: Book, context: SearchContext) -> None:
     """Fit the models that have weight where they are best under the overdispersion: until then all were fitted without, and
-    not all to the end."""
-    k, done = book.overdispersion, set[tuple[frozenset[str], str]]()
+    not all to the end. Where that has led far, fits of models with one component less were as far from theirs: these are
+    made again from there, so that none wins by having gone on."""
+    k, done = book.overdispersion, list[Model]()
     while not context.stop.is_set():
         ranked = book.ranked()
-        open_ones = [one for one in ranked if one.score(k) >= ranked[0].score(k) - WINDOW and one.key not in done]
-        if not open_ones:
+        near = (one for one in ranked if one.score(k) >= ranked[0].score(k) - WINDOW)
+        model = next((one for one in near if all(one is not other for other in done)), None)
+        if model is None:
             return
-        done.add(open_ones[0].key)
-        book.replace(open_ones[0], settled(open_ones[0], k, context))
+        found = settled(model, k, context)
+        book.replace(model, found)
+        done.append(model if found is None else found)
+        if found is not None and model.fit.cost - found.fit.cost > WINDOW * k**2:
+            context.on_progress(f'fitting what {words(found)} is made of from where it has led')
+            book.add(without(found, one, context) for one in found.components if not one.is_difference)
 
 
 def bare(book: Book) -> Model:
