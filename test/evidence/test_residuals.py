@@ -7,11 +7,24 @@ import numpy as np
 import pytest
 from simulated_data import NOISE, command, config, recording, scaled
 
-from sma_sim import Config, Model, Nuisance, Recording, UserError, module_input, predict, simulate, wire_input
+from sma_sim import (
+    Config,
+    Dataset,
+    FitOptions,
+    Model,
+    Nuisance,
+    Recording,
+    UserError,
+    module_input,
+    predict,
+    simulate,
+    wire_input,
+)
 from sma_sim.evidence.data.tables import read_columns
+from sma_sim.evidence.estimation.calibrate import SEARCH_RTOL, problem_for
 from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.evidence.estimation.residuals import error_over_noise, fit_data, most_steps, weighted_residuals
-from sma_sim.evidence.estimation.run_tangents import TangentTask, linearized_by_tangents
+from sma_sim.evidence.estimation.run_tangents import LOOSER, TangentTask, linearized_by_tangents
 from sma_sim.model.material import sigma_A, sigma_M
 from sma_sim.model.parameters import wire_constants
 from sma_sim.solver.simulate import SimulationError
@@ -176,3 +189,19 @@ def test_parameters_that_take_no_end_of_steps_are_given_up():
     assert most_steps(run.source, step_limited=False) > 10 * most_steps(
         run.source, step_limited=True
     )  # a model that was chosen may ring
+
+
+@pytest.mark.parametrize('kinetics', ['hybrid', 'mas'])
+@pytest.mark.parametrize('noise', [1.0, 0.03])
+def test_errors_of_the_solver_stay_hidden_in_the_noise_of_a_search(kinetics, noise):
+    """Else a fit takes them for an effect: recordings of a node have no noise but a ten-thousandth of their range."""
+    channels = ('alpha', 'U_y', 'F_1')
+    run = recording(config(kinetics), command(1), 20.0, 0.0, channels=channels)
+    dataset = Dataset((run,), {name: noise * NOISE[name] for name in channels})
+    problem = problem_for(dataset, config(kinetics), FitOptions(free=('beam.E',)), 1)
+    rtol = problem.config.parameters['solver.rtol']
+    shown = predict(config(kinetics, solver__rtol=rtol), run)
+    errors = [np.sqrt(np.mean((shown[name] - run.channels[name]) ** 2)) / dataset.noise_std[name] for name in channels]
+    assert SEARCH_RTOL <= rtol <= SEARCH_RTOL * LOOSER[kinetics] and max(errors) < 0.05
+    if noise == 1.0:
+        assert rtol == SEARCH_RTOL * LOOSER[kinetics]

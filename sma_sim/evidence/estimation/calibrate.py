@@ -39,7 +39,7 @@ from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.plausibility import MATERIALS, ImplausibleParameter, implausible_of
 from sma_sim.evidence.estimation.prepared_fit import PreparedFit, check_kinetics, prepare
 from sma_sim.evidence.estimation.problem import AMBIENT, DELAY, START, LinearizedRun, Problem, cost_at, feasible, start_point
-from sma_sim.evidence.estimation.residuals import ZERO_STDS, FitData, fit_data, leeway_for
+from sma_sim.evidence.estimation.residuals import ZERO_STDS, FitData, fit_data, hidden_rtol, leeway_for
 from sma_sim.evidence.estimation.run_estimates import ParameterByRun, ReducedRun, estimates_by_run, reduced_run
 from sma_sim.evidence.estimation.run_subset import from_subset, run_subset
 from sma_sim.evidence.estimation.run_tangents import LOOSER, has_tangents
@@ -357,13 +357,13 @@ def check(dataset: Dataset, config: Config, options: FitOptions) -> None:
 def problem_for(dataset: Dataset, config: Config, options: FitOptions, every: int, step_limited: bool = True) -> Problem:
     """The problem on every `every`-th sample; not `step_limited` for a model that was chosen.
 
-    In a search runs are as exact as those that give tangents: their errors are far below the noise, and they take half the
-    time, or a quarter.
+    In a search runs are as exact as those that give tangents, where their errors stay far below the noise: they take half
+    the time, or a quarter.
     """
     rtol = min(SEARCH_RTOL, config.parameters['solver.rtol'])
     structures = [known_structures()[recording.system] for recording in dataset.recordings]
     if step_limited and all(map(has_tangents, structures)):
-        rtol *= LOOSER[config.simulated_kinetics]
+        rtol = max(rtol, min(rtol * LOOSER[config.simulated_kinetics], hidden_rtol(dataset)))
     names = with_nuisance_names(options.names, dataset, config)
     free = under_nuisance_priors(choose_free(config, names, dataset.channels)[0], dataset)
     runs = tuple(fit_data(recording, dataset.noise_std, every, rtol, step_limited) for recording in dataset.recordings)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import isnan, nan
+from math import inf, isnan, nan
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.noise import estimate_noise
-from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Recording, channels_of_family, is_resistance
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording, channels_of_family, is_resistance
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.expected import expect
@@ -30,6 +30,7 @@ ZERO_LIMIT = 2e-3  # of strain, by which the zero of a recording may be off: gri
 SOFTEST = 1.5e10  # [Pa] of wires: a strain that was set to zero under load lacks no more than stress over this
 MAX_SWITCHES = 24  # with more changes of the command than this, all share one fraction
 SOLVER_NOISE = 0.3  # error of a sample in units of rtol times the channel's size (docs/explanation/calibration.md)
+HIDDEN = 0.02  # of the noise, below which errors of the solver explain nothing that a fit could take for an effect
 # Steps of a run in a search, beyond which its parameters are hopeless: in all, by second, by row of the input; and times
 # which a model that was chosen, and may ring, gets
 MAX_STEPS, STEPS_PER_SECOND, STEPS_PER_ROW = 1_500, 20, 20
@@ -124,6 +125,17 @@ class Nuisance:
     switches: tuple[float, ...] = ()
     unknown_zero: bool = False
     ambient: float = 0.0
+
+
+def hidden_rtol(dataset: Dataset) -> float:
+    """The relative tolerance up to which errors of the solver stay hidden in the noise of every channel."""
+    found = [inf]
+    for structure in {recording.system: known_structures()[recording.system] for recording in dataset.recordings}.values():
+        sizes = dict(zip(structure.channels, channel_scales(structure), strict=True))
+        found += [
+            HIDDEN * noise / (SOLVER_NOISE * sizes[name]) for name, noise in dataset.noise_std.items() if name in sizes
+        ]
+    return min(found)
 
 
 def fit_data(
