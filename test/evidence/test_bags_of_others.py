@@ -65,7 +65,7 @@ def test_commands_are_in_force_as_in_the_node(commands, J_max, timeout):
     for step in range(600):
         if step in by_step:
             node.receive(SimpleNamespace(data=by_step[step]))
-        expected.append(node.at(step / 100))
+        expected.append(node.at(step / 100)[0])
     when = np.array(sorted(by_step), np.int64) * 10 * MILLISECOND
     J = np.array([[by_step[step] if math.isfinite(by_step[step]) else np.nan] for step in sorted(by_step)])
     times, powers = in_force(when, J, CommandLimits(J_max, timeout), 6 * SECOND)

@@ -322,10 +322,11 @@ def test_errors_of_a_channel_count_by_samples():
 
 def test_overdispersion_is_size_times_the_root_of_the_correlation_time(monkeypatch):
     problem = problem_of(runs=1)
-    slow = 3.0 * np.sin(np.linspace(0.0, 20.0, SAMPLES))
+    slow, white = 3.0 * np.sin(np.linspace(0.0, 20.0, SAMPLES)), (-1.0) ** np.arange(SAMPLES)
     for shown, expected in (
         (np.array([slow, slow]), np.sqrt((slow**2).mean() * autocorrelation_time(slow))),
-        (np.full((2, SAMPLES), 1e-3), 1.0),
+        (1e-3 * np.array([slow, slow]), np.sqrt(autocorrelation_time(slow))),  # as if of the size of the noise
+        (1e-3 * np.array([white, white]), 1.0),
         (None, np.inf),
     ):
         monkeypatch.setattr('sma_sim.evidence.estimation.overdispersion.residuals_at', lambda *_, s=shown: [s])
