@@ -16,7 +16,7 @@ MOST_AMOUNT = 4.0 * AMOUNT
 ONSET_STD = 10.0
 """[s] of an instant that the data do not tell: what changes slowly shows late."""
 EARLIER = 2.0 * ONSET_STD
-"""[s] than it shows, that a change may have begun."""
+"""[s] by which a change may have begun before it shows."""
 
 # How the past is kept
 BIN = 0.25

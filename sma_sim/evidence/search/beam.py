@@ -175,9 +175,10 @@ def add_equations(base: Model, book: Book, context: SearchContext) -> None:
         base = stripped(lead, lead.components[-1:])
     if lead is not None and not lead.leaves_nothing and book.best.lacks_unlisted and not context.stop.is_set():
         add_extended(lead, components_of(propose.terms(lead.fit, context, lead.components[-1])), book, context)
-    for component in book.best.components:
+    best = book.best
+    for component in best.components:
         if component.is_formula:
-            exchange(book.best, component, book, context)
+            exchange(best, component, book, context)
 
 
 def best_of(models: Sequence[Model], book: Book) -> Model | None:
