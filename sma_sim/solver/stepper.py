@@ -194,16 +194,22 @@ def row_step(h: float, state: SystemState, segment: Segment, p: System, w: Work,
     return norm if np.isfinite(norm) else np.inf
 
 
-def pass_cubic(h: float, y: Vector, w: Work) -> None:
-    """Let `prepare_dense` give the cubic of a step from ``w.first`` to ``w.y_new`` with the rates there, in ``w.guard``."""
+def pass_cubic(h: float, y: Vector, w: Work) -> float:
+    """Let `prepare_dense` give the cubic of a step from ``w.first`` to ``w.y_new`` with the rates there, in ``w.guard``.
+
+    Returns the size of its cubic term in units of the tolerance (root mean square over the states).
+    """
+    total = 0.0
     for i in range(np.uint64(y.shape[0])):
         rise = w.y_new[i] - y[i]
         k_1 = h * w.first.dy[i] - rise
         k_2 = rise - h * w.guard.dy[i] - k_1
+        total += (k_2 / w.weight[i]) ** 2
         w.stages[0, i] = OF_CUBIC[0, 0] * k_1 + OF_CUBIC[0, 1] * k_2
         w.stages[1, i] = OF_CUBIC[1, 0] * k_1 + OF_CUBIC[1, 1] * k_2
         for j in range(2, STAGES - 1):
             w.stages[j, i] = 0.0
+    return np.sqrt(total / y.shape[0])
 
 
 def prepare_dense(w: Work) -> None:
