@@ -2,11 +2,11 @@
 
     python benchmarks/killed_parts.py [--kills 10] [--seconds 60] [--lost 0.1] [--json FILE]
 
-Robot, observer, guard and controller are processes of their own, over UDP (FASTDDS_BUILTIN_TRANSPORTS=DEFAULT brings shared
-memory back), with the silences that are the defaults, the robot's
-node.command_timeout as `closed_loop.launch.py guard:=true` sets it. Each is killed (SIGKILL) so many times while it heats;
-counted is the time until the robot's power is zero, for the robot until the guard commands zero. Then everything runs for so
-many seconds while a part of all messages between the processes is lost, and zeros of the guard are counted.
+Robot, observer, guard and controller are processes of their own, the controller a plain node, over what each takes by itself
+(FASTDDS_BUILTIN_TRANSPORTS=DEFAULT in the environment: shared memory for all), with the default silences and the
+robot's node.command_timeout as `closed_loop.launch.py guard:=true` sets it. Each is killed (SIGKILL) so many times while it
+heats; counted is the time until the robot's power is zero, for the robot until the guard commands zero. Then everything runs
+for so many seconds while a part of all messages between the processes is lost, and zeros of the guard are counted.
 """
 
 from __future__ import annotations
@@ -22,9 +22,7 @@ from typing import Any
 import numpy as np
 from common import report
 
-# With Fast DDS's shared memory, which LOCALHOST brings back, a publisher may wait a second for a killed listener.
 os.environ |= {'ROS_DOMAIN_ID': str(random.randrange(1, 100)), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}
-os.environ.setdefault('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
 MODULES = {'robot': 'sma_sim.ros.main', 'observer': 'sma_sim.ros.observer_main', 'guard': 'sma_sim.ros.guard_main'}
 PATIENCE = 300.0  # [s]; the first start compiles
 SETTLED = 3.0  # [s] of running before a part is killed

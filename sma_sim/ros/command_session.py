@@ -14,6 +14,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.signals import SignalHandlerOptions
 
 from sma_sim.ros.stop_signals import Handlers, give_back, ignore_at_exit, take_stop_signals
+from sma_sim.ros.transport import prefer_udp
 
 SPIN_PERIOD = 0.1  # [s] between two looks for a signal
 CONFIRMATION = 5.0  # [s] for the listeners to confirm the last message; DDS asks them every 3 s
@@ -75,6 +76,7 @@ class CommandSession:
 
     def __enter__(self) -> CommandSession:
         self._handlers: Handlers = take_stop_signals(self._signals.append)
+        prefer_udp()
         try:
             rclpy.init(args=self._arguments, context=self.context, signal_handler_options=SignalHandlerOptions.NO)
         except BaseException:

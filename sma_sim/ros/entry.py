@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from sma_sim.model.errors import UserError
 from sma_sim.ros.stop_signals import ignore_at_exit, take_stop_signals
+from sma_sim.ros.transport import prefer_udp
 
 if TYPE_CHECKING:
     from sma_sim.model.config import Config
@@ -129,6 +130,7 @@ def run_node(program: Program, make: RunnerFactory, arguments: list[str] | None)
         return code
     stop, working = threading.Event(), threading.Event()
     end_by_signals(stop, working)
+    prefer_udp()
     try:
         import rclpy
     except ImportError as error:

@@ -9,6 +9,7 @@ a command of zero behind, as all programs that command a robot do (`ros.command_
 from __future__ import annotations
 
 import math
+import os
 import sys
 import threading
 import time
@@ -19,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import rclpy
 from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import JointState, Temperature
@@ -40,6 +42,7 @@ from sma_sim.ros.observer_node import PREFIX, estimated_topics
 from sma_sim.ros.parameters import follow_live_parameters
 from sma_sim.ros.qos import LAST_FEW, make_publisher, make_subscription
 from sma_sim.ros.robot_subscriptions import SENSOR_QOS, wire_names
+from sma_sim.ros.transport import late_commands
 from sma_sim.solver.model import Model
 
 Vector = NDArray[np.float64]
@@ -95,6 +98,9 @@ class WireGuard:
 
     def begin(self, stop: threading.Event) -> None:
         """Say what is limited."""
+        late = late_commands(os.environ) if 'fastrtps' in rclpy.get_rmw_implementation_identifier() else ''
+        if late:
+            self._logger.warning(f'{late}; see docs/how-to/guard-the-wires.md')
         self._logger.info(
             f'{self._request} -> {self.topic}: no heating until robot, observer and controller are heard; stop with Ctrl-C'
         )

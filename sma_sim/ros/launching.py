@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -10,7 +11,7 @@ from typing import Any
 
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix, get_package_share_directory
 from launch.action import Action
-from launch.actions import DeclareLaunchArgument, LogInfo, Shutdown
+from launch.actions import DeclareLaunchArgument, LogInfo, SetEnvironmentVariable, Shutdown
 from launch.launch_context import LaunchContext
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
@@ -18,6 +19,7 @@ from launch_ros.actions import Node
 from sma_sim.model.structures.discovery import package_structures
 from sma_sim.ros.bag_names import record_of_side
 from sma_sim.ros.command import GUARDED_TIMEOUT
+from sma_sim.ros.transport import OVER_UDP, TRANSPORTS
 
 PACKAGE = 'sma_sim'
 EXAMPLES = {'controller': 'alpha_controller', 'trajectory_follower': 'alpha_trajectory_controller'}  # file: node
@@ -154,8 +156,9 @@ def quoted(text: str) -> str:
 
 
 def module_actions(given: ModuleArguments) -> list[Action]:
-    """A module and, where they were asked for, a guard, its controller and the target that moves."""
-    actions: list[Action] = [module_node(given)]
+    """A module and, where they were asked for, a guard, its controller and the target that moves; all over UDP, unless the
+    environment says otherwise: a controller of the user's own too."""
+    actions: list[Action] = [SetEnvironmentVariable(TRANSPORTS, os.environ.get(TRANSPORTS, OVER_UDP)), module_node(given)]
     if given.guard:
         actions += guarding_nodes(given)
     if given.controller in LAWS:

@@ -202,3 +202,16 @@ def test_an_example_follows_trajectories(environment, tmp_path):
     words = ('closed_loop.launch.py', 'controller:=trajectory_follower')
     with Launched(environment, tmp_path / 'log', ['/joint_states'], *words) as launched:
         launched.until(lambda _: 'alpha_trajectory_controller]: waiting for joint_states' in (tmp_path / 'log').read_text())
+
+
+@by_ros2
+@pytest.mark.parametrize('says', ['', 'DEFAULT'])
+def test_a_controller_talks_over_udp_unless_the_environment_says_otherwise(environment, tmp_path, says):
+    controller, seen = tmp_path / 'mine.py', tmp_path / 'seen'
+    controller.write_text(
+        f"import os, time\nopen({str(seen)!r}, 'w').write(os.environ['FASTDDS_BUILTIN_TRANSPORTS'])\ntime.sleep(60)\n"
+    )
+    said = {**environment, 'FASTDDS_BUILTIN_TRANSPORTS': says} if says else environment
+    with Launched(said, tmp_path / 'log', [], 'closed_loop.launch.py', f'controller:={controller}') as launched:
+        launched.until(lambda _: seen.exists() and seen.read_text())
+    assert seen.read_text() == (says or 'UDPv4')
