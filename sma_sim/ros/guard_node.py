@@ -20,9 +20,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import rclpy
 from numpy.typing import NDArray
 from rclpy.node import Node
+from rclpy.utilities import get_rmw_implementation_identifier
 from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64, Float64MultiArray, UInt8MultiArray
 
@@ -98,7 +98,7 @@ class WireGuard:
 
     def begin(self, stop: threading.Event) -> None:
         """Say what is limited."""
-        late = late_commands(os.environ) if 'fastrtps' in rclpy.get_rmw_implementation_identifier() else ''
+        late = late_commands(os.environ) if 'fastrtps' in get_rmw_implementation_identifier() else ''
         if late:
             self._logger.warning(f'{late}; see docs/how-to/guard-the-wires.md')
         self._logger.info(
