@@ -65,10 +65,10 @@ def test_a_driver_sees_every_row(name):
 @pytest.mark.parametrize('kind', ['hybrid', 'mas'])
 @pytest.mark.parametrize('friction', [active('guide_friction', mu=0.1, v_s=4e-5), active('joint_friction')])
 def test_forces_between_rows_are_exact_where_friction_adjusts_a_rate_at_once(friction, kind, rtol):
-    """With each row the rates settle within microseconds, so that both ends of a row may be exact and what lies between not."""
+    """With each row the rates settle within microseconds: both ends of it may be exact, and what lies between not."""
     times = np.arange(0.0, DURATION, 0.2)
-    random = np.random.default_rng(3)
-    source = module_input([*times, DURATION], [*(3.0 * np.sin(0.6 * times) + 0.02 * random.standard_normal(len(times))), 0.0])
+    noise = 0.02 * np.random.default_rng(3).standard_normal(len(times))
+    source = module_input([*times, DURATION], [*(3.0 * np.sin(0.27 * times + 1.0) + noise), 0.0])
     model = precise(make_model('module', kind, [friction]), rtol)
     run, other = (simulate(one, source, np.arange(0.0, DURATION, 0.05)) for one in (model, precise(model)))
     for name, scale in (('U_y_m', 1e-3), ('F_1_N', 10.0), ('F_2_N', 10.0)):
