@@ -115,9 +115,9 @@ BURST, BURST_WINDOW, FIRST_DWELL = 16, 1e-3, 1e-5
 WINDOW = 20_000  # steps, tried ones included, over which a stalled run is told from one in a fast transient
 TIGHTER = 1e-2  # of the tolerance of the plate's rates, where friction switches within it
 # Of steps over rows: how many keep a matrix, and how much of a length they may differ; how many rows are left to other steps
-# after one that failed; the most of the tolerance, hybrid and MAS, where a wire's onset is no jump and errors come in bursts.
-# The most of the cubic term between both ends, in units of the tolerance: it is small of what is smooth, and huge of a rate
-# that friction adjusts within microseconds, though the ends are exact.
+# after one that failed; the most of the tolerance, hybrid and MAS, where a wire's onset is no jump, so that errors come in
+# bursts. The most of the cubic term between both ends, in units of the tolerance: it is small of what is smooth, and huge of
+# a rate that friction adjusts within microseconds, though the ends are exact.
 KEPT_ROWS, LIKE_ROWS, ROWS_LEFT = 10.5, 0.3, 4.0
 MAX_ERROR = (1.0, 0.3)
 MAX_CUBIC = 0.3
