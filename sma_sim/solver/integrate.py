@@ -115,12 +115,9 @@ BURST, BURST_WINDOW, FIRST_DWELL = 16, 1e-3, 1e-5
 WINDOW = 20_000  # steps, tried ones included, over which a stalled run is told from one in a fast transient
 TIGHTER = 1e-2  # of the tolerance of the plate's rates, where friction switches within it
 # Of steps over rows: how many keep a matrix, and how much of a length they may differ; how many rows are left to other steps
-# after one that failed; the most of the tolerance, hybrid and MAS, where a wire's onset is no jump, so that errors come in
-# bursts. The most of the cubic term between both ends, in units of the tolerance: it is small of what is smooth, and huge of
-# a rate that friction adjusts within microseconds, though the ends are exact.
+# after one that failed; the most of the tolerance, hybrid and MAS, where a wire's onset is no jump and errors come in bursts
 KEPT_ROWS, LIKE_ROWS, ROWS_LEFT = 10.5, 0.3, 4.0
 MAX_ERROR = (1.0, 0.3)
-MAX_CUBIC = 0.3
 NO_JUMP = 2.0  # as a fraction of a step
 
 
@@ -245,11 +242,9 @@ def cross_row(run: Run, segment: Segment, p: System, w: Work, limits: Limits, lo
 
 
 def switched(h: float, run: Run, segment: Segment, p: System, w: Work) -> bool:
-    """Whether a MAS wire begins or ends to transform in the step over a row, which no jump tells, or its dense output, which
-    is made here, is not smooth."""
+    """Whether a MAS wire begins or ends to transform in the step over a row, which no jump tells; makes its dense output."""
     flow_at(segment.t_end, with_smooth(w.y_new, run.state), segment, p, w, w.guard)
-    if not pass_cubic(h, run.state.y, w) <= MAX_CUBIC:
-        return True
+    pass_cubic(h, run.state.y, p, w)
     if p.mas:
         for i in range(p.wires):
             before, after = w.first.obs, w.guard.obs
