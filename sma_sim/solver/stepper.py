@@ -197,8 +197,8 @@ def row_step(h: float, state: SystemState, segment: Segment, p: System, w: Work,
 def pass_cubic(h: float, y: Vector, p: System, w: Work) -> None:
     """Let `prepare_dense` give the cubic of a step from ``w.first`` to ``w.y_new`` with the rates there, in ``w.guard``.
 
-    Rates of coordinates are the derivatives of theirs: accelerations are not smooth where a rate adjusts within microseconds,
-    as friction lets it after a row.
+    Rates of coordinates are the derivatives of theirs: where a rate adjusts within microseconds, as friction lets it after a
+    row, accelerations say nothing of what follows.
     """
     n = p.coordinates
     for i in range(np.uint64(y.shape[0])):
