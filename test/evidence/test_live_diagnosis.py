@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import sma_sim
+from sma_sim.challenge.draw import named_truth
 from sma_sim.evidence.monitoring.causes import causes_for
 from sma_sim.evidence.monitoring.live_criteria import BIN, SPAN
 from sma_sim.evidence.monitoring.live_diagnosis import CHANGE, INSTANTS, LiveDiagnosis
@@ -43,11 +44,12 @@ def shown(*runs):
     )
 
 
-def followed(name='', amounts=None, seed=0, end=END, off=None):
-    """A live diagnosis that has heard until `end` of a robot on which a cause begins at ONSET, and whose model is `off`."""
+def followed(name='', amounts=None, seed=0, end=END, off=None, effects=()):
+    """A live diagnosis that has heard until `end` of a robot on which a cause, or `effects`, begin at ONSET, and whose model
+    is `off`."""
     changed = cause(name) if name else None
     base = sma_sim.Model(CONFIG)
-    model = base if changed is None else sma_sim.Model(changed.in_config(CONFIG, amounts))
+    model = sma_sim.Model(CONFIG.variant(effects=effects) if changed is None else changed.in_config(CONFIG, amounts))
     times = np.arange(0.0, END, 1.0 / RATE)
     early, late = times[times < ONSET], times[times >= ONSET]
     first = sma_sim.simulate(base, command(0.0, ONSET), early)
@@ -172,6 +174,15 @@ def test_a_change_that_is_in_no_list_is_said_to_be_so():
         total[2] += 6.0 * past._counts[number][2] * max(0.0, np.sin(0.7 * max(0.0, t - ONSET)) ** 3)
     verdict = found.evaluate()
     assert verdict.has_changed and verdict.findings[0].name == 'not listed'
+
+
+def test_a_law_that_is_in_no_list_leaves_doubt():
+    """A friction grows whose law the library does not have: what fits best is not certain, and the kind of it is found."""
+    friction = named_truth('joint_friction').active({'M_c': 0.004, 'w_c': 0.0022})
+    verdict = followed(effects=friction).evaluate()
+    probability = {one.name: one.probability for one in verdict.findings}
+    assert verdict.findings[0].name == 'joint_friction' and 1.1 < verdict.left < 0.5 * verdict.error
+    assert 0.1 < probability['not listed'] < 0.5 and sum(probability.values()) == pytest.approx(1.0)
 
 
 def test_a_command_is_proposed_that_tells_the_leading_causes_apart():

@@ -19,7 +19,7 @@ from sma_sim.evidence.data.foreign_columns import SPELLINGS, UNITS, declared_uni
 from sma_sim.evidence.data.recording import HIDDEN_COLUMN, NEEDED_COLUMNS, OfSystems
 from sma_sim.evidence.data.rosbag.commands import CommandLimits
 from sma_sim.evidence.data.rosbag.raw_messages import is_bag, open_bag
-from sma_sim.evidence.data.rosbag.reader import read_bag
+from sma_sim.evidence.data.rosbag.reader import columns_of_bag
 from sma_sim.evidence.data.table_format import TableFormat, cells_of_line, is_number, table_format
 from sma_sim.evidence.data.tables import MAX_NAMES
 from sma_sim.model.errors import UserError
@@ -78,8 +78,9 @@ def read_bag_source(
     path: Path, system: str, mapping: ColumnMap, namespace: str | None, limits: CommandLimits
 ) -> tuple[Columns, list[str]]:
     """The columns of a bag."""
-    notes = [] if open_bag(path).whole else ['the bag breaks off: read as far as it goes']
-    found = read_bag(path, namespace, known_structures()[system], limits, notes)
+    bag = open_bag(path)
+    notes = [] if bag.whole else ['the bag breaks off: read as far as it goes']
+    found = columns_of_bag(bag, namespace, known_structures()[system], limits, notes)
     rows = len(found['time_s'])
     origins = column_origins(path, mapping, COLUMNS_BY_SYSTEM[system], list(found))
     if chosen := [name for name, entry in origins.items() if entry.where]:

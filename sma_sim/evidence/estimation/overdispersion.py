@@ -28,11 +28,16 @@ def overdispersion(problem: Problem, z: Vector, pool: Executor) -> float:
 
 
 def overdispersion_of(problem: Problem, residuals: Sequence[Matrix]) -> float:
-    """k of the residuals (channels, k) of every run: their root mean square, if above 1, times the root of their longest
+    """k of the residuals (channels, k) of every run."""
+    return overdispersion_of_rows([row for rows in residuals for row in rows], problem.samples)
+
+
+def overdispersion_of_rows(rows: Sequence[Vector], samples: int) -> float:
+    """k of series of residuals: their root mean square over so many samples, if above 1, times the root of their longest
     correlation time in samples."""
-    squares = sum(float(np.vdot(rows, rows)) for rows in residuals)
-    longest = max(autocorrelation_time(row) for rows in residuals for row in rows)
-    return sqrt(max(squares / problem.samples, 1.0) * max(longest, 1.0))
+    squares = sum(float(row @ row) for row in rows)
+    longest = max(map(autocorrelation_time, rows), default=1.0)
+    return sqrt(max(squares / max(samples, 1), 1.0) * max(longest, 1.0))
 
 
 def autocorrelation_time(series: Vector) -> float:

@@ -6,18 +6,22 @@ taken for those of the robot; what is not known of them then makes residuals cor
 the tangents T, and all that follows is in rows in which they are white. Without this a model that is some per cent off, as
 all are, would differ from its robot from the first minute on.
 
-Each cause (`causes`) begins at an instant t, from the state that the model
-has then, with amounts a of its d parameters, in steps: a_i ~ N(0, A^2), t anywhere, with one change in MEAN_TIME. With the
-residuals r of the model, the response f(a, t) to the cause and the derivatives J of f in both (all over noise), the score is
-that of `sma_sim.evidence.search.score` where the cause explains most,
+Each cause (`causes`) begins at an instant t, from the state that the model has then, with amounts a of its d parameters, in
+steps: a_i ~ N(0, A^2), t anywhere, with one change in MEAN_TIME. With the residuals r of the model, the response f(a, t) to
+the cause and the derivatives J of f in both (all over noise), the score is that of `sma_sim.evidence.search.score` where the
+cause explains most,
 
-    log p = -|r - f|^2/2 - |a|^2/(2 A^2) - log det(J^T J + P)/2 - d log A + log(2 pi)/2 - log MEAN_TIME + log prior,
+    log p = -|r - f|^2/(2 k^2) - |a|^2/(2 A^2) - log det(J^T J/k^2 + P)/2 - d log A + log(2 pi)/2 - log MEAN_TIME
+            + log prior,
 
-with the inverse variances P of the priors. A cause whose instant and amounts must be just so is discounted for it. Linear
-responses say where to start; the causes that lead are fitted by Levenberg and Marquardt's method, since a change that is
-large beside the noise is told by how its response bends. The prior of a change is shared by all causes.
-Something that is not listed is smooth functions of time in channels; it may be there instead of a cause, or beside one whose
-law is not quite that of the robot.
+with the inverse variances P of the priors and the overdispersion k of what the best cause leaves after it began: where no
+law is quite that of the robot, what is left is correlated and larger than noise, and its squares say less. A cause whose
+instant and amounts must be just so is discounted for it. Linear responses say where to start; the causes that lead are
+fitted by Levenberg and Marquardt's method, since a change that is large beside the noise is told by how its response bends.
+The prior of a change is shared by all causes.
+Something that is not listed is smooth functions of time in channels, instead of a cause or beside one. Where it is probable
+beside a cause, whose law is then not that of the robot, it has the part of its probability by which the deviation is left.
+Against nothing a change counts with all that explains it, undiscounted.
 """
 
 from __future__ import annotations
@@ -31,6 +35,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from sma_sim.evidence.monitoring.causes import ROOM, Cause, one_way_each
 from sma_sim.evidence.monitoring.deciding_command import ChangedModel, DecidingCommand, deciding_command
@@ -171,6 +176,15 @@ class Comparison:
         shown = self.window.shown(model, nominal, noise, warmer, onset)
         return None if shown is None else self.whitened(shown - self.base)
 
+    def overdispersion(self, one: FittedCause) -> float:
+        """By how much less than white noise what a cause leaves says, after it began (`estimation.overdispersion`)."""
+        return self.window.overdispersion(one.left, self.window.begin + one.onset)
+
+    def share_left(self, one: FittedCause) -> float:
+        """Which part of the deviation (root mean square beyond noise) a cause leaves."""
+        squares, left, noise = float(self.residuals @ self.residuals), float(one.left @ one.left), len(one.left)
+        return math.sqrt(max(left - noise, 0.0) / max(squares - noise, left - noise, 1.0))
+
 
 @dataclass(frozen=True)
 class FittedCause:
@@ -189,16 +203,17 @@ class FittedCause:
         """Minus the log posterior of amounts and instant."""
         return 0.5 * (float(self.left @ self.left) + float(self.amounts @ self.amounts) / AMOUNT**2)
 
-    @property
-    def precision(self) -> Matrix:
-        """Inverse covariance of amounts and instant."""
-        told: Matrix = self.responses @ self.responses.T + np.diag([*np.full(len(self.amounts), AMOUNT**-2), ONSET_STD**-2])
+    def precision(self, weight: float = 1.0) -> Matrix:
+        """Inverse covariance of amounts and instant; `weight` of squares."""
+        prior = np.diag([*np.full(len(self.amounts), AMOUNT**-2), ONSET_STD**-2])
+        told: Matrix = weight * self.responses @ self.responses.T + prior
         return told
 
-    def score(self) -> float:
-        """The log posterior, but for the prior of the cause."""
-        occam = float(np.linalg.slogdet(self.precision)[1]) + 2.0 * len(self.amounts) * math.log(AMOUNT)
-        return -self.cost - 0.5 * (occam - math.log(2.0 * math.pi)) - math.log(MEAN_TIME)
+    def score(self, weight: float = 1.0) -> float:
+        """The log posterior, but for the prior of the cause; `weight` of squares."""
+        occam = float(np.linalg.slogdet(self.precision(weight))[1]) + 2.0 * len(self.amounts) * math.log(AMOUNT)
+        discounted = 0.5 * (1.0 - weight) * float(self.left @ self.left)
+        return discounted - self.cost - 0.5 * (occam - math.log(2.0 * math.pi)) - math.log(MEAN_TIME)
 
     @property
     def by_parameter(self) -> dict[str, float]:
@@ -311,21 +326,14 @@ class LiveDiagnosis:
             fitted = [self._converged(part, one, onset + STEP, steps) for one in leading if not is_stopped()]
         if is_stopped():
             return None
-        fitted.sort(key=lambda one: -one.score())
+        k = part.overdispersion(max(fitted, key=FittedCause.score)) if fitted else 1.0
+        fitted.sort(key=lambda one: -one.score(k**-2))
         self._leading = part, tuple(fitted)
-        squares = float(part.residuals @ part.residuals)
-        nothing, smooth = -0.5 * squares, part.window.smooth_evidence
-        scores = [nothing, nothing + smooth(part.residuals) + CHANGE - UNLISTED]
-        for one in fitted:  # alone, or with what its law does not have: that is named which explains more
-            alone, left = one.score() - math.log(len(self._causes)), float(one.left @ one.left)
-            named = len(scores) if squares - left > left - len(one.left) else 1
-            scores.append(alone)
-            scores[named] = float(np.logaddexp(scores[named], alone + smooth(one.left) - UNLISTED - SPARSITY))
-        weights = np.exp(np.array(scores) - max(scores))
+        probabilities, log_odds = self._probabilities(part, fitted, k)
         names = [NOTHING, NOT_LISTED, *(one.cause.name for one in fitted)]
         findings = [
-            self._named(one, name, float(weight))
-            for one, name, weight in zip([None, None, *fitted], names, weights / weights.sum(), strict=True)
+            self._named(one, name, probability)
+            for one, name, probability in zip([None, None, *fitted], names, probabilities.tolist(), strict=True)
         ]
         findings.sort(key=lambda one: -one.probability)
         best = fitted[0] if fitted else None
@@ -333,10 +341,26 @@ class LiveDiagnosis:
             now,
             begin + round(1e9 * (onset if best is None else best.onset)),
             tuple(findings),
-            float(np.logaddexp.reduce(scores[1:])) - nothing,
+            log_odds,
             part.window.error_of(part.residuals),
             part.window.error_of(part.residuals if best is None else best.left),
         )
+
+    def _probabilities(self, part: Comparison, fitted: Sequence[FittedCause], k: float) -> tuple[Vector, float]:
+        """Probabilities of nothing, of what is not listed, and of every cause (2 + c,) under an overdispersion k; log odds
+        of a change."""
+        smooth, prior = part.window.smooth_evidence, -math.log(len(self._causes))
+        nothing = -0.5 * float(part.residuals @ part.residuals)
+        alone = np.array([one.score() for one in fitted]) + prior
+        beside = np.array([smooth(one.left) for one in fitted]) - UNLISTED - SPARSITY
+        any_cause = np.logaddexp.reduce(np.logaddexp(alone, alone + beside))
+        scores = np.array([nothing, nothing + smooth(part.residuals) + CHANGE - UNLISTED, any_cause])
+        weights = np.exp(scores - scores.max()) / np.exp(scores - scores.max()).sum()
+        discounted = np.array([one.score(k**-2) for one in fitted])
+        by_cause = weights[2] * np.exp(discounted - np.logaddexp.reduce(discounted))
+        unlisted = by_cause * expit(beside) * np.array([part.share_left(one) for one in fitted])
+        found = np.array([weights[0], weights[1] + unlisted.sum(), *(by_cause - unlisted)])
+        return found, float(np.logaddexp.reduce(scores[1:])) - nothing
 
     def deciding_command(self, most: Sequence[float]) -> DecidingCommand | None:
         """The shortest command that tells the two leading causes of the last evaluation apart; None where there are not two.
@@ -421,7 +445,7 @@ class LiveDiagnosis:
         for _ in range(steps if best is not None else 0):
             assert best is not None
             gradient = best.responses @ best.left - np.append(best.amounts / AMOUNT**2, 0.0)
-            precision = best.precision
+            precision = best.precision()
             while damping <= MOST_DAMPING:
                 step = np.linalg.solve(precision + damping * np.diag(np.diag(precision)), gradient)
                 amounts = np.clip(best.amounts + step[:-1], 0.0, MOST_AMOUNT)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.evidence.estimation.overdispersion import overdispersion_of_rows
 from sma_sim.evidence.estimation.problem import LinearizedRun
 from sma_sim.evidence.monitoring.live_criteria import BIN, CHECKPOINT, SHORTEST, SPAN, STEP
 from sma_sim.evidence.search.score import unlisted_evidence
@@ -96,13 +97,23 @@ class Window:
 
         Each channel has one with probability 1/2.
         """
-        rows = np.zeros_like(self.means)
-        rows[self.root > 0.0] = self.residuals if residuals is None else residuals
-        none = np.zeros(0, dtype=np.int64)
+        rows, none = self._rows(self.residuals if residuals is None else residuals), np.zeros(0, dtype=np.int64)
         found = [
             unlisted_evidence([LinearizedRun(none, row[None, :], np.zeros((0, 1, len(row))))]) for row in rows.T if row.any()
         ]
         return float(np.sum(np.logaddexp(0.0, found) - math.log(2.0)))
+
+    def overdispersion(self, residuals: Vector, since: float) -> float:
+        """k of what is left (N,) after an instant [s] (`estimation.overdispersion`)."""
+        later = self.times > since
+        rows = [row for row in self._rows(residuals)[later].T if row.any()]
+        return overdispersion_of_rows(rows, int(np.count_nonzero(self.root[later])))
+
+    def _rows(self, residuals: Vector) -> Matrix:
+        """Residuals (N,) by bin and channel (k, channels), 0 where nothing was measured."""
+        rows = np.zeros_like(self.means)
+        rows[self.root > 0.0] = residuals
+        return rows
 
     def onset(self, prior: Prior, evidence: float = 0.0) -> float:
         """The last instant, to STEP [s], up to which there is no more `evidence` against parameters and white noise.

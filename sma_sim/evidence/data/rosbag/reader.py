@@ -82,8 +82,13 @@ def read_bag(
     it has applied. What was done with commands and times is added to `notes`. Raises UserError when there is no bag, no
     command in it, or several robots and no `namespace`.
     """
-    notes = [] if notes is None else notes
-    bag = open_bag(path)
+    return columns_of_bag(open_bag(path), namespace, structure, limits, [] if notes is None else notes)
+
+
+def columns_of_bag(
+    bag: Bag, namespace: str | None, structure: Structure | None, limits: CommandLimits, notes: list[str]
+) -> dict[str, Vector]:
+    """The same of a bag that is open: opening one takes a tenth of a second."""
     prefix = topic_prefix(bag, namespace)
     interface = interface_of_bag(bag, prefix, structure)
     commands, measured = command_decoders(interface), measured_decoders(interface)
@@ -92,7 +97,7 @@ def read_bag(
     topics = (interface.heating_topic, *interface.drives)
     if not any(name in series for topic in topics for name in (topic, f'{topic}{APPLIED}')):
         expected = ' or '.join(f'{prefix}{name}' for name in (topics[0], f'{topics[0]}{APPLIED}'))
-        raise UserError(f'{path} has no command: expected messages on {expected}')
+        raise UserError(f'{bag.path} has no command: expected messages on {expected}')
     times = message_times(series, 'epoch' in bag.about, measured, notes)
     zero = int(bag.about['epoch']) if 'epoch' in bag.about else min(int(t[0]) for t in times.values())
     apply_command_rules(series, times, zero, interface, limits, notes)
