@@ -179,9 +179,16 @@ def carry_over(i: int, t: float, located: bool, run: Run, segment: Segment, p: S
 
 
 def begin_step(t: float, state: SystemState, segment: Segment, p: System, w: Work, a: Tangents) -> None:
-    """Linearise the run where the last step left it, as `solver.stepper.linearize_flow` does."""
+    """Linearise the run where the last step left it, as `solver.stepper.linearize_flow` does.
+
+    The flow is differentiated in time by two evaluations that begin with the same x_M: the one at the end of the last step
+    began with an older one, and where x_M is an implicit function its rounding, over so short a time, is a large derivative.
+    """
     n = a.y.shape[1]
-    copy_evaluation(Evaluation(a.dy[FIRST], a.obs[FIRST]), w.first)
+    if segment.moving:
+        flow_at(t, state, segment, p, w, w.first)
+    else:
+        copy_evaluation(Evaluation(a.dy[FIRST], a.obs[FIRST]), w.first)
     for i in range(n):
         for j in range(n):
             w.jacobian[i, j] = a.by_state[FIRST, i, j]

@@ -28,6 +28,10 @@ NOTHING_FOUND = 'No known effect explains more, and yet something is probably mi
 BENT_NOMINAL = 'The fit without further effects left the plausible range, as where something is missing: {parameters}.'
 SET_UP_FIRST = 'The set-up has to be mended first; no effect was searched for.'
 UNKNOWN_EFFECT = 'Something is missing that no known effect explains.'
+OPEN = (
+    'These data do not tell whether your model lacks {effects}: the fitted runs are explained by it, and all runs if they '
+    'are fitted together, but those held out are predicted worse with it than without.'
+)
 ADEQUATE = (
     'The normalized RMSE of {channel} is {ratio:.1f}; in such quasi-static tests up to {limit:.1f} counts as explained, 5 % '
     'of what it spans, since a specimen is not as homogeneous as its model.'
@@ -119,6 +123,8 @@ def missing_words(diagnosis: Diagnosis, phrases: Sequence[str]) -> str:
 def unknown_words(diagnosis: Diagnosis, phrases: Sequence[str]) -> str:
     """What is known of something that no effect explains: what explains a part, and the equation that describes it."""
     share = explained_share(diagnosis.nominal, diagnosis.stages[-1])
+    if phrases and diagnosis.proposal is None and explains_all_together(diagnosis):
+        return OPEN.format(effects=joined_words(phrases))
     if diagnosis.proposal is not None:
         part = f' beside {joined_words(phrases)}' if phrases else ''
         how = 'An equation describes it' if describes(diagnosis) else 'An equation comes nearest, and is not what is missing'
@@ -163,10 +169,10 @@ def remarks(diagnosis: Diagnosis) -> Iterator[str]:
     yield from (limit.text for limit in diagnosis.calibration.limits)
     if disagreement(diagnosis.calibration.by_run) is not None:
         yield agreement_sentence(diagnosis.calibration.by_run)
-    if diagnosis.verdict == 'unknown_effect' and diagnosis.search_ended:
-        yield from left_lines(diagnosis)
-    elif diagnosis.pooled_errors is not None and diagnosis.pooled_errors.explained(diagnosis.limit):
+    if diagnosis.pooled_errors is not None and diagnosis.proposal is None and explains_all_together(diagnosis):
         yield together_sentence(diagnosis.pooled_errors)
+    elif diagnosis.verdict == 'unknown_effect' and diagnosis.search_ended:
+        yield from left_lines(diagnosis)
     yield from together_lines(diagnosis)
     if len(diagnosis.training) < 2:
         yield ONE_RUN
@@ -174,6 +180,11 @@ def remarks(diagnosis: Diagnosis) -> Iterator[str]:
         yield NO_HELD_OUT
     if diagnosis.interrupted and diagnosis.search_ended:
         yield 'Stopped during the last fit: its values are not final.'
+
+
+def explains_all_together(diagnosis: Diagnosis) -> bool:
+    """Whether the last model explains all runs when it is fitted to those held out too."""
+    return diagnosis.pooled_errors is not None and diagnosis.pooled_errors.explained(diagnosis.limit)
 
 
 def together_sentence(pooled: PooledErrors) -> str:

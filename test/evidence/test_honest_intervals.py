@@ -1,25 +1,30 @@
 """Intervals that promise no more than the recordings say, and limits that are said and moved."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from threading import Event
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from isobaric_runs import BENCH as ISOBARIC
+from isobaric_runs import isobaric_tests
 from simulated_data import config, dataset, scaled
 from test_fit_statistics import A, informations_of, linear_of, problem_of
 from test_recordings_in_fits import module_run
 from test_recordings_in_fits import problem_of as module_problem
 
-from sma_sim import FitOptions, calibrate
+from sma_sim import FitOptions, calibrate, find_effects, read_config
 from sma_sim.evidence.diagnosis import conclusion
-from sma_sim.evidence.estimation.calibrate import limits_from, limits_reached, within_limits
+from sma_sim.evidence.estimation.calibrate import limits_from, limits_reached, multistart_search, within_limits
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, free_parameter
-from sma_sim.evidence.estimation.held_out_prediction import RunFit
+from sma_sim.evidence.estimation.held_out_prediction import RunFit, pooled_error
+from sma_sim.evidence.estimation.prepared_fit import prepare
 from sma_sim.evidence.estimation.problem import LinearizedRun
 from sma_sim.evidence.estimation.residuals import Nuisance, compared
 from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.estimation.stop_criteria import SETTLED
 from sma_sim.evidence.estimation.uncertainty import (
     RULED_OUT,
     checked_by_runs,
@@ -27,9 +32,16 @@ from sma_sim.evidence.estimation.uncertainty import (
     uncertainty,
     with_other_minima,
 )
+from sma_sim.evidence.model_selection.candidates import candidate_of
+from sma_sim.evidence.model_selection.refit import refit
+from sma_sim.evidence.model_selection.score_tests import ScreeningResult
+from sma_sim.evidence.model_selection.sketches import with_candidate
 from sma_sim.model.errors import UserError
 from sma_sim.model.program_parameters import DEFAULTS
 from sma_sim.words.fit_remarks import other_minima, remarks_on
+
+SMOOTH = 'smooth_transformation:width_A=1e8,width_M=8e7'
+ORIENTED = 'stress_dependent_transformation_strain:deficit=0.9,k=8e7'
 
 
 def autoregressive(random, shape, memory):
@@ -177,6 +189,63 @@ def test_a_diagnosis_and_a_fit_of_the_same_effects_take_the_same_minimum(monkeyp
         assert best.z[0] == taken and best.cost == min(cost, 100.0)
         assert other.values['wire.E_A'] == problem.free[0].value(kept) and not other.same
         assert other.log_odds == pytest.approx(abs(cost - 100.0) / 100.0)
+
+
+def test_values_that_data_leave_open_are_those_of_a_fit_with_the_same_effects():
+    """Three levels leave open at which stress the strain begins to grow: a search, whose priors are about no effect, takes
+    the last stress at which that is possible, and predicts too much strain below."""
+    truth = read_config(words=ISOBARIC, effects=[ORIENTED, SMOOTH])
+    runs = isobaric_tests(truth, (5e7, 1.5e8, 2e8, 7e6))
+    fitted, below = (replace(runs, recordings=part) for part in (runs.recordings[:3], runs.recordings[3:]))
+    bare = read_config(words=ISOBARIC, effects=[SMOOTH])
+    given = read_config(words=ISOBARIC, effects=[SMOOTH, ORIENTED.partition(':')[0]])
+    options = FitOptions(kinetics='hybrid', starts=1)
+    asked = calibrate(fitted, given, options)
+    with ThreadPoolExecutor(2) as pool:
+        context = SearchContext(pool, Event())
+        start = multistart_search(prepare(fitted, bare, 'hybrid'), options, context)
+        start = replace(start, problem=replace(start.problem, nominal_effects=('smooth_transformation',)))
+        found = candidate_of(find_effects()['stress_dependent_transformation_strain'])
+        screened = ScreeningResult(found, 0.0, {p.name: p.default for p in found.found.effect.parameters})
+        searched = refit(*with_candidate(start, screened), context, SETTLED)
+        data = conclusion.StageData(fitted, below, options)
+        before = pooled_error(data.predicted(searched, context))[0]
+        last = conclusion.final_stage(data, 'added', conclusion.as_fitted(searched, context), context)
+    names = [name for name in asked.values if name.startswith('effects.stress')]
+    assert [last.values[name] for name in names] == pytest.approx([asked.values[name] for name in names], rel=0.05)
+    assert last.held_out < 0.8 * before
+
+
+def stage_of(effects, held_out):
+    return SimpleNamespace(effects=effects, held_out=held_out, train=1.0, predicted=())
+
+
+@pytest.mark.parametrize(
+    ('held_out', 'together', 'verdict', 'retracted'),
+    [
+        ((5.0, 2.0), 1.0, 'missing_effect', False),  # better, and explained where it is fitted too
+        ((5.0, 8.0), 1.0, 'unknown_effect', False),  # worse: nothing is decided
+        ((5.0, 8.0), 3.0, 'unknown_effect', True),
+        ((5.0, 1.2), 3.0, 'missing_effect', False),
+    ],
+)
+def test_an_effect_that_predicts_worse_is_not_found(monkeypatch, held_out, together, verdict, retracted):
+    fit = FitResult(module_problem(), np.zeros(len(module_problem().unknowns)), 0.0)
+    stages = [stage_of(effects, error) for effects, error in zip(((), ('gravity',)), held_out, strict=True)]
+    data = SimpleNamespace(limit=1.3, under=lambda *_: SimpleNamespace(training=1, held_out=1))
+    monkeypatch.setattr(conclusion, 'as_fitted', lambda fit, _: fit)
+    monkeypatch.setattr(conclusion, 'provisional_stage', lambda *_: stages[0])
+    monkeypatch.setattr(conclusion, 'final_stage', lambda _, kind, *__: replace_kind(stages, kind))
+    monkeypatch.setattr(conclusion, 'pooled_refit', lambda *_: conclusion.PooledErrors(together, together))
+    monkeypatch.setattr(conclusion, 'has_terms', lambda _: False)
+    posterior = SimpleNamespace(best=None, unlisted=0.0)
+    found = conclusion.conclusion([('nominal', fit), ('added', fit)], posterior, data, None, SearchContext(None, Event()))
+    assert found.verdict == verdict and (len(found.stages) > 2) == retracted
+
+
+def replace_kind(stages, kind):
+    """The stage without effects where these are retracted, else the last one."""
+    return stages[0] if kind == 'retracted' else stages[1]
 
 
 @pytest.mark.parametrize('jump', [0.0, 1e4])

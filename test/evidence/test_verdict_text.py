@@ -199,6 +199,15 @@ def test_runs_that_one_model_explains_together():
     assert 'temperatures differ, from that of run1 by run2 -1.28 (-1.5 to -1.1) [K]' in ' '.join(remarks(warmer))
 
 
+def test_effects_that_explain_all_runs_together_and_predict_worse_are_left_open():
+    found = diagnosis('unknown_effect', candidate('gravity'), errors=(3.0, 5.0), pooled_errors=PooledErrors(1.01, 1.04))
+    assert headline(found).startswith('These data do not tell whether your model lacks gravity')
+    said = ' '.join(remarks(found))
+    assert 'normalized RMSE 1.04 held out, 1.01 others' in said and 'known effects' not in said
+    contradicted = replace(found, pooled_errors=PooledErrors(1.5, 1.6))
+    assert headline(contradicted).startswith('Something is missing that no known effect explains')
+
+
 @pytest.mark.parametrize(
     ('changes', 'expected'),
     [

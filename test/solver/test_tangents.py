@@ -240,6 +240,22 @@ def test_isobaric_tests_have_tangents_where_the_transformation_is_gradual(effect
     assert (size > 0.1).all() and (error < 0.01 * size).all()
 
 
+def test_tangents_take_the_steps_of_the_run():
+    """Also where x_M is an implicit function and rates are those of a memory: rounding is no derivative in time."""
+    words = ['system=wire', 'bench.control=stress', 'bench.temperature=prescribed', 'wire.dsigma=1.2e8', 'wire.T0=420']
+    effects = ['smooth_transformation:width_A=1e8,width_M=8e7', 'transformation_plasticity']
+    model, moved = (
+        Model(read_config(words=[*words, f'wire.sigma_T={slope}'], effects=effects)) for slope in (8e6, 8.00001e6)
+    )
+    times = np.linspace(0.0, 3000.0, 151)
+    T = 340.0 + 150.0 * (1.0 - np.abs(times / 1500.0 - 1.0))
+    values = np.column_stack([np.full(len(T), 1e8), T, np.zeros(len(T)), np.full(len(T), 298.0)])
+    source = Input(times, values, (True, True, False, False), model.structure.input_columns)
+    begin = new_run(model, values[0], new_work(model))
+    found = simulate_with_tangents(model, source, times, begin, ('strain',), [Neighbour(moved)])
+    assert found.trajectory.completed and found.trajectory.steps < 1.1 * simulate(model, source, times).steps
+
+
 @pytest.mark.parametrize('size', [float('nan'), 1e200])
 def test_tangents_beyond_all_numbers_give_way_to_differences(monkeypatch, size):
     """A tangent of 1e200 is a number, but its square, which the normal equations need, is none."""

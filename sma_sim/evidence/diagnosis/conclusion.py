@@ -26,9 +26,11 @@ from sma_sim.evidence.estimation.calibrate import (
 )
 from sma_sim.evidence.estimation.curve_features import curve_features
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
+from sma_sim.evidence.estimation.free_parameters import declared_parameters, free_parameter
 from sma_sim.evidence.estimation.held_out_prediction import RunFit, evaluate_held_out, point_with, pooled_error, run_fits
 from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.prepared_fit import PreparedFit
+from sma_sim.evidence.estimation.problem import cost_at
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference, with_differences
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS
@@ -68,21 +70,27 @@ class HeldOutVerdict:
 def conclusion(
     path: ModelPath, posterior: Posterior, data: StageData, options: FitOptions, context: SearchContext
 ) -> Conclusion:
-    """Read the held-out runs once: they confirm the last model, or speak for an earlier one."""
+    """Read the held-out runs once: they confirm the last model, or speak for an earlier one.
+
+    A model that explains them when it is fitted to them too, and else predicts them worse than an earlier one, may be what
+    is missing: fitted runs that leave open what it predicts do not tell.
+    """
     stages = [provisional_stage(data, kind, fit, context) for kind, fit in path]
-    stages[-1] = final_stage(data, *path[-1], context)
-    last, pooled = path[-1][1], None
+    last, pooled = as_fitted(path[-1][1], context), None
+    stages[-1] = final_stage(data, path[-1][0], last, context)
     known = data.under(last, context)
     if known.held_out and reaches_beyond_fitted(stages[-1], data.limit):
         pooled = pooled_refit((known.training, known.held_out), last, stages[-1].predicted, options, context, data.limit)
     explained = pooled is not None and pooled.explained(data.limit)
     best = predicts_best(stages)
-    if best < len(stages) - 1 and stages[-1].held_out > data.limit and not explained:
+    is_worse = best < len(stages) - 1 and stages[-1].held_out > data.limit
+    if is_worse and not explained:
         context.on_progress('the held-out runs are predicted better with fewer components')
-        last = path[best][1]
+        last = as_fitted(path[best][1], context)
         stages.append(final_stage(data, 'retracted', last, context))
         return Conclusion('unknown_effect', last, tuple(stages), None)
-    return Conclusion(verdict_of(stages[-1], pooled, posterior, data.limit), last, tuple(stages), pooled)
+    verdict = 'unknown_effect' if is_worse else verdict_of(stages[-1], pooled, posterior, data.limit)
+    return Conclusion(verdict, last, tuple(stages), pooled)
 
 
 def predicts_best(stages: Sequence[ModelStage]) -> int:
@@ -262,17 +270,23 @@ def with_lost_power(dataset: Dataset, side: int, fit: FitResult, context: Search
 
 
 def provisional_stage(data: StageData, kind: StageKind, fit: FitResult, context: SearchContext) -> ModelStage:
-    """A model as it was fitted in the search; its errors are those of all samples."""
+    """A model as it was fitted in the search; its errors are those of all samples.
+
+    One that is to predict held-out runs is brought under the priors of a fit, as the last one is.
+    """
     data = data.under(fit, context)
+    if data.held_out is not None and fit.effects:
+        fit = as_fitted(fit, context)
+        fit = refit(fit.problem, fit.z, context) or fit
     whole = replace(fit, problem=full_problem(data.training, fit, data.options))
     found = calibration_of(whole, context)
     return ModelStage(kind, fit.effects, found, data.predicted(fit, context))
 
 
 def final_stage(data: StageData, kind: StageKind, fit: FitResult, context: SearchContext) -> ModelStage:
-    """A model fitted on all samples, with intervals."""
+    """A model fitted on all samples, with intervals; `fit` is under the priors of a fit (`as_fitted`)."""
     context.on_progress('the last fit, on all samples')
-    data, fit = data.under(fit, context), with_noise_of_its_size(fit)
+    data = data.under(fit, context)
     fit = fit if kind == 'formula' else from_defaults_too(fit, context)
     options = replace(data.options, free=tuple(p.name for p in fit.problem.free))
     found = final_calibration(data.training, fit, options, context)
@@ -315,10 +329,25 @@ def from_defaults_too(fit: FitResult, context: SearchContext) -> FitResult:
     return replace(fit, z=best.z, cost=best.cost, other_starts=(*fit.other_starts, start))
 
 
-def with_noise_of_its_size(fit: FitResult) -> FitResult:
-    """A tempered fit whose noise has the size of what it leaves: in the end no candidates are compared by their priors."""
-    problem = fit.problem
-    return replace(fit, problem=replace(problem, tempering=max(1.0, fit.error))) if problem.tempering > 1.0 else fit
+def as_fitted(fit: FitResult, context: SearchContext) -> FitResult:
+    """A fit of a search under the priors of a fit that asks for its effects: about their defaults, not about no effect.
+
+    A search compares models by priors about neutral values. Where data leave values open, these would be the least that
+    explains the fitted runs, which is no estimate of an effect that is there. A noise that was tempered has the size of what
+    the fit leaves: in the end no candidates are compared by their priors.
+    """
+    problem, declared, values = fit.problem, declared_parameters(fit.problem.config), fit.values
+    added = tuple(f'effects.{name}.' for name in fit.effects)
+    free = tuple(
+        free_parameter(one.name, declared[one.name].default, declared[one.name]) if one.name.startswith(added) else one
+        for one in problem.free
+    )
+    z = fit.z.copy()
+    for k, one in enumerate(free):
+        z[k] = np.clip(one.coordinate(values[one.name]), one.low, one.high)
+    tempering = max(1.0, fit.error) if problem.tempering > 1.0 else problem.tempering
+    problem = replace(problem, free=free, tempering=tempering)
+    return replace(fit, problem=problem, z=z, cost=cost_at(problem, z, context.pool))
 
 
 # Is a held-out run beyond the model, or only beyond what the fitted runs tell of its parameters?

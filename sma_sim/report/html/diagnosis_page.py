@@ -19,7 +19,7 @@ from sma_sim.report.html.parameters import parameters_section
 from sma_sim.report.html.proposed import proposed_section
 from sma_sim.report.palette import GREY
 from sma_sim.words.diagnosis_data import as_data
-from sma_sim.words.diagnosis_text import headline, remarks, short_title, verdict_words
+from sma_sim.words.diagnosis_text import explains_all_together, headline, remarks, short_title, verdict_words
 from sma_sim.words.probabilities import finding_rows, model_rows, probability_lines
 from sma_sim.words.set_up import set_up_sentences
 
@@ -149,5 +149,5 @@ def procedure(diagnosis: Diagnosis) -> Iterator[str]:
     if diagnosis.verdict == 'none' and not diagnosis.effects:
         yield 'No effect of the library explains the recordings better by more than its prior probability costs.'
     rule = f'A normalized RMSE above {diagnosis.limit:.3g} at the end counts as unexplained'
-    explained = diagnosis.pooled_errors is not None and diagnosis.pooled_errors.explained(diagnosis.limit)
-    yield rule + (', except in runs that one model explains together.' if explained else '.')
+    is_exception = explains_all_together(diagnosis) and diagnosis.verdict != 'unknown_effect'
+    yield rule + (', except in runs that one model explains together.' if is_exception else '.')
