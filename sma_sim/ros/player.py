@@ -36,7 +36,8 @@ def play(
     """Send commands at `times` (k,) [s], each held until the next; the last time ends it.
 
     The topic `heating` [W] is turned off at the end, also at an early one; set points stay. `on_progress` gets the fraction
-    that is done. Raises UserError when nobody subscribes.
+    that is done. Raises UserError when nobody subscribes, or nobody does any more: a robot that starts anew in the middle
+    of a command is not where the command takes it to be.
     """
     with CommandSession([], rclpy.Context()) as session:
         node = rclpy.create_node(PLAYER_NODE, namespace=namespace, context=session.context)
@@ -48,6 +49,11 @@ def play(
         def send(row: int) -> None:
             for topic, values in commands.items():
                 publishers[topic].publish(message_of(values[row]))
+            if publishers[heating].get_subscription_count() == 0:
+                part = f'{times[row] - times[0]:g} of {times[-1] - times[0]:g} s'
+                raise UserError(
+                    f'nobody listens to {publishers[heating].topic_name} any more: stopped after {part}; heating off'
+                )
 
         rounds, seconds = send_all(times, speed, send, session, on_progress)
     return Played(rounds, seconds, session.stopped_by)

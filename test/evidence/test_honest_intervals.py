@@ -21,13 +21,14 @@ from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, free_parameter
 from sma_sim.evidence.estimation.held_out_prediction import RunFit, pooled_error
 from sma_sim.evidence.estimation.prepared_fit import prepare
-from sma_sim.evidence.estimation.problem import LinearizedRun
+from sma_sim.evidence.estimation.problem import LinearizedRun, cost_at
 from sma_sim.evidence.estimation.residuals import Nuisance, compared
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import SETTLED
 from sma_sim.evidence.estimation.uncertainty import (
     RULED_OUT,
     checked_by_runs,
+    costs_at,
     interval,
     uncertainty,
     with_other_minima,
@@ -125,6 +126,16 @@ def test_every_estimate_at_a_limit_is_said():
     assert (found['delay'].low, found['delay'].value) == (-0.5, pytest.approx(-0.489))
     assert found['zero.strain'].recordings == ('run0', 'run1') and found['zero.alpha'].recordings == ('run0',)
     assert '--limit delay=LOW:HIGH' in found['delay'].text and 'zero_std of the map' in found['zero.alpha'].text
+
+
+@pytest.mark.parametrize('robust', [False, True])
+def test_costs_of_many_points_are_those_of_each(robust):
+    problem = replace(module_problem(), robust=robust)
+    first = np.zeros(len(problem.unknowns))
+    points = [first, first + 0.3, first - 2.0]
+    with ThreadPoolExecutor(2) as pool:
+        found, expected = costs_at(problem, points, pool), [cost_at(problem, z, pool) for z in points]
+    assert found == pytest.approx(expected) and len({round(cost, 3) for cost in found}) == 3
 
 
 def test_limits_are_the_users():

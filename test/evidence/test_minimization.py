@@ -20,6 +20,7 @@ from sma_sim.evidence.estimation.levenberg_marquardt import (
     MAX_RUN_STEP,
     MAX_STEP,
     MIN_STEP,
+    MOST_KEPT,
     SOLVER_ERROR,
     EarlyStopping,
     better_steps,
@@ -59,6 +60,7 @@ class Curves:
     free: tuple = ('a', 'b')
     config: object = field(default_factory=lambda: SimpleNamespace(parameters={'solver.rtol': 1e-6}))
     edge: float = np.inf  # of b, beyond which nothing can be run
+    derivative_bytes: int = 0
 
     @property
     def samples(self):
@@ -106,11 +108,11 @@ def context(stop=None, **more):
     return SearchContext(None, stop or Event(), **more)
 
 
-@pytest.mark.parametrize('secant', [False, True])
+@pytest.mark.parametrize(('secant', 'size'), [(False, 0), (True, 0), (True, MOST_KEPT + 1)])
 @pytest.mark.parametrize(('tempering', 'high'), [(1.0, 3.0), (30.0, 3.0), (1.0, 0.3)])
-def test_the_minimum_is_that_of_another_optimizer(curves, secant, tempering, high):
-    """With the prior, however strong, and on bounds."""
-    problem = replace(curves, tempering=tempering, high=high)
+def test_the_minimum_is_that_of_another_optimizer(curves, secant, size, tempering, high):
+    """With the prior, however strong, and on bounds; also where derivatives are too large to be kept."""
+    problem = replace(curves, tempering=tempering, high=high, derivative_bytes=size)
     found = minimize(problem, np.zeros(4), replace(TO_THE_END, secant=secant), context())
     expected = least_squares(problem.stacked, np.zeros(4), bounds=problem.limits(), xtol=1e-14, ftol=1e-14, gtol=1e-14)
     assert found.z == pytest.approx(expected.x, abs=1e-4) and (found.z <= high).all()

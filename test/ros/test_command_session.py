@@ -62,6 +62,14 @@ with CommandSession() as session:
     command.publish(Float64(data=12.0))
     {end}
 """
+HEARS = """
+import rclpy
+from std_msgs.msg import Float64
+rclpy.init()
+node = rclpy.create_node('hears')
+node.create_subscription(Float64, 'J_eq', lambda _: print('heard', flush=True), 10)
+rclpy.spin(node)
+"""
 ENDS = {
     'an exception': 'raise ValueError("mine")',
     'sys.exit': 'sys.exit(3)',
@@ -197,15 +205,22 @@ def test_session_ends_with_zero_after(tmp_path, end):
 
 def test_unconfirmed_zero_is_said(tmp_path):
     """Of a listener whose process stands still, and so confirms nothing."""
-    hears = (
-        'import rclpy\nfrom std_msgs.msg import Float64\nrclpy.init()\nnode = rclpy.create_node("hears")\n'
-        'node.create_subscription(Float64, "J_eq", lambda _: print("heard", flush=True), 10)\nrclpy.spin(node)\n'
-    )
     domain = ros_client.any_domain()
     words = ['-c', SESSION.format(end='session.spin(node)')]
-    with start(['-c', hears], tmp_path, domain) as robot, start(words, tmp_path, domain) as program:
+    with start(['-c', HEARS], tmp_path, domain) as robot, start(words, tmp_path, domain) as program:
         assert robot.stdout.readline() == 'heard\n'
         robot.send_signal(signal.SIGSTOP)
         program.send_signal(signal.SIGTERM)
         said, _ = program.communicate(timeout=60)
     assert '/J_eq: not every listener has confirmed the last message' in said, said
+
+
+def test_play_stops_when_nobody_listens_any_more(tmp_path):
+    (tmp_path / 'module.csv').write_text('time_s,J_eq_W\n0,12\n600,12\n')
+    domain = ros_client.any_domain()
+    with start(['-c', HEARS], tmp_path, domain) as robot, start([*PLAY, 'module.csv'], tmp_path, domain) as program:
+        assert robot.stdout.readline() == 'heard\n'
+        robot.send_signal(signal.SIGINT)
+        said, _ = program.communicate(timeout=60)
+    assert program.returncode == 2 and 'nobody listens to /J_eq any more: stopped after 0 of 600 s' in said, said
+    assert 'Traceback' not in said

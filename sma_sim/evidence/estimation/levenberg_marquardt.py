@@ -40,6 +40,7 @@ MIN_STEP, MAX_STEP = 1e-6, 0.02  # of differences, in standard deviations of the
 MAX_RUN_STEP = 0.005  # of a start: a MAS wire leaves the neighbourhood of sigma_A at once, so curvature is high there
 CURVATURE = 4.0  # each derivative relative to the one before, in z
 SOLVER_ERROR = 40.0  # of a sample, in units of its noise and of solver.rtol (docs/explanation/calibration.md)
+MOST_KEPT = 2**26  # [bytes] of derivatives that are kept for steps without a linearisation: of 17 runs of 100 s at 50 Hz
 COST_FLOOR = 1e-9  # per sample; below it only the solver's error is fitted
 
 
@@ -87,11 +88,12 @@ def minimize(problem: Problem, z: Vector, criteria: StopCriteria, context: Searc
     central when a step gains little, because valleys are narrow. `label` names the minimisation in `on_iteration`.
     """
     half = 0.5 * problem.samples
+    secant = criteria.secant and problem.derivative_bytes <= MOST_KEPT
     central, damping = criteria.central or problem.has_tangents, criteria.damping
     steps = measured_steps(problem, z, context.pool) if central else None
     for iteration in range(criteria.max_iterations):
         linear: Iterable[LinearizedRun] = linearized_in_turn(problem, z, context.pool, steps, central)
-        linear = list(linear) if criteria.secant else linear
+        linear = list(linear) if secant else linear
         corrections = list[Matrix | None]()
         model = quadratic_model(problem, noting_corrections(linear, corrections), z)
         cost = model[0]
@@ -99,7 +101,7 @@ def minimize(problem: Problem, z: Vector, criteria: StopCriteria, context: Searc
         if context.stop.is_set():
             return FitResult(problem, z, cost, iteration, False)
         min_decrease = criteria.min_decrease * max(cost / half, COST_FLOOR)
-        if criteria.secant:
+        if secant:
             found = secant_minimum(problem, z, linear, (damping, min_decrease), context)
             z, gained, damping = found.z, cost - found.cost, max(damping / SECANT_DAMPING, SECANT_DAMPING_FLOOR)
             if gained <= max(min_decrease, criteria.relative_decrease * cost):

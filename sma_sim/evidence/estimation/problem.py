@@ -126,6 +126,11 @@ class Problem:
         return sum(run.samples for run in self.runs)
 
     @property
+    def derivative_bytes(self) -> int:
+        """What the derivatives of all runs take in memory."""
+        return sum(8 * len(at) * run.measured.size for run, at in zip(self.runs, self.indices(), strict=True))
+
+    @property
     def span(self) -> float:
         """What strain spans in an isobaric test, over its noise: the most of all runs; NaN where a run is no such test."""
         if any(isnan(run.level) or 'strain' not in run.channels for run in self.runs):

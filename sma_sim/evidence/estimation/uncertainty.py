@@ -12,13 +12,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
 
-from sma_sim.evidence.estimation.executors import PickledConfig
+from sma_sim.evidence.estimation.executors import PickledConfig, in_turn
 from sma_sim.evidence.estimation.fit_result import OtherStart
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, FreeParameter
 from sma_sim.evidence.estimation.levenberg_marquardt import measured_steps
@@ -29,10 +30,10 @@ from sma_sim.evidence.estimation.problem import (
     NormalEquations,
     Problem,
     accumulated,
-    cost_of,
     evaluate,
     linearized_in_turn,
     normal_equations,
+    robust_cost,
     robust_weights,
 )
 from sma_sim.evidence.estimation.residuals import FitData
@@ -310,8 +311,14 @@ def costs_at(problem: Problem, points: Sequence[Vector], executor: Executor) -> 
         EvaluationTask(run, tuple((config, problem.nuisance(run, z[at])) for config, z in zip(configs, points, strict=True)))
         for run, at in zip(problem.runs, problem.indices(), strict=True)
     ]
-    by_run = [future.result() for future in [executor.submit(evaluate, task) for task in tasks]]
-    return [cost_of(problem, [found[k] for found in by_run], z) for k, z in enumerate(points)]
+    priors = [0.5 * problem.tempering**2 * float(z @ z) for z in points]
+    by_run = in_turn(executor, partial(run_costs, robust=problem.robust), tasks)  # residuals would not fit into the memory
+    return list(np.sum([priors, *by_run], axis=0).tolist())
+
+
+def run_costs(task: EvaluationTask, robust: bool) -> list[float]:
+    """The cost of one run at each point; inf where the model cannot be run."""
+    return [np.inf if residuals is None else robust_cost(residuals, robust) for residuals in evaluate(task)]
 
 
 def with_other_minima(known: Uncertainty, others: Sequence[OtherStart]) -> Uncertainty:
