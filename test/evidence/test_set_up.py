@@ -15,14 +15,18 @@ from sma_sim.evidence.estimation.problem import residuals_at, start_point
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.set_up.check import (
+    Step,
     copied_commands,
     exchanged_commands,
     faults_before_fits,
+    fitted,
+    is_robot,
     isolated,
     outliers,
     symmetries,
     thinned,
     told_apart,
+    without_fault,
 )
 from sma_sim.evidence.set_up.faults import Fault, corrected, with_command, without_faults
 from sma_sim.solver.inputs import inputs_at
@@ -79,6 +83,18 @@ def test_nothing_is_wrong_with_a_healthy_set_up(name, request):
     found = request.getfixturevalue(name)
     assert faults_in(found) == ()
     assert faults_in(only(found, *POSE)) == ()
+
+
+@pytest.mark.parametrize('is_wrong', [False, True])
+def test_recordings_that_are_explained_as_they_are_have_no_fault(is_wrong, with_gravity):
+    """Whatever first order has promised: far from the middle of its priors a robot looks as if several things were wrong."""
+    fault = Fault('sign', ('J_eq',))
+    found = with_fault(with_gravity, fault) if is_wrong else with_gravity
+    problem = thinned(found, config('hybrid'), OPTIONS)
+    with ThreadPoolExecutor(2) as pool:
+        context = SearchContext(pool, Event())
+        step = Step(fault, -10.0, None, fitted(without_fault(problem, fault), context))
+        assert is_robot(problem, [step], context) != is_wrong
 
 
 FAULTS = [

@@ -158,7 +158,9 @@ def wrong_columns(dataset: Dataset, config: Config, options: FitOptions, context
         steps.append(step)
         if not step.fault.corrected or step.leaves_noise:
             break
-    while steps and not steps[-1].leaves_noise and may_be_an_effect(steps[-1], context):
+    if steps and not steps[-1].leaves_noise and is_robot(thinned(dataset, config, options), steps, context):
+        steps.clear()
+    while steps and not steps[-1].leaves_noise and may_be_an_effect(steps[-1].before, steps[-1:], context):
         steps.pop()
     found = [step.fault for step in steps]
     if copied:
@@ -331,21 +333,40 @@ def fitted_as_it_is(problem: Problem, context: SearchContext, target: float, lea
     return model_of((), [fit], context)
 
 
-def may_be_an_effect(step: Step, context: SearchContext) -> bool:
-    """Whether one listed effect, or one difference between recordings, explains the recordings as they are as well.
+def is_robot(problem: Problem, steps: Sequence[Step], context: SearchContext) -> bool:
+    """Whether the recordings as they are, fitted in earnest, are explained as well as without all that was found.
 
-    It is not asked where the nominal model of the recordings without the fault leaves noise only: no effect takes the place
+    Asked where that leaves more than noise: far from the middle of its priors a robot looks as if several things were wrong,
+    and first order does not show where a fit ends.
+    """
+    after = steps[-1].after
+    names = {run.name for run in after.fit.problem.runs}
+    problem = replace(problem, runs=tuple(run for run in problem.runs if run.name in names))
+    context.on_progress('the set-up: do the recordings as they are look like another robot?')
+    return may_be_an_effect(fitted(problem, context, after.reach(after.evidence.overdispersion)), steps, context)
+
+
+def may_be_an_effect(base: Model | None, steps: Sequence[Step], context: SearchContext) -> bool:
+    """Whether a nominal model of the recordings before some faults were taken away, or that with one listed effect or one
+    difference between recordings, explains them as well.
+
+    It is not asked where the nominal model of the recordings without the faults leaves noise only: no effect takes the place
     of a sign to the last digit.
     """
-    if step.before is None:
+    if base is None:
         return False
-    context.on_progress(f'the set-up: may an effect look as if {step.fault.words}?')
-    base = step.before.fit
-    listed = propose.listed(base, catalogue_for(base, context), (), context)[:SKETCHED]
-    components = [one.component for one in (*listed, *propose.differing(base, (), context))]
-    rivals = extended(step.before, components, context, restarts=False) if components else []
-    k = min(model.evidence.overdispersion for model in (*rivals, step.after))
-    return any(rival.score(k) + WINDOW >= step.after.score(k) + step.log_prior for rival in rivals)
+    after, log_prior = steps[-1].after, sum(step.log_prior for step in steps)
+
+    def explain_as_well(models: Sequence[Model]) -> bool:
+        k = min(model.evidence.overdispersion for model in (*models, after))
+        return any(model.score(k) + WINDOW >= after.score(k) + log_prior for model in models)
+
+    if explain_as_well([base]):
+        return True
+    context.on_progress(f'the set-up: may an effect look as if {" and ".join(step.fault.words for step in steps)}?')
+    listed = propose.listed(base.fit, catalogue_for(base.fit, context), (), context)[:SKETCHED]
+    components = [one.component for one in (*listed, *propose.differing(base.fit, (), context))]
+    return bool(components) and explain_as_well([base, *extended(base, components, context, restarts=False)])
 
 
 def same_recordings(fault: Fault, other: Fault, problem: Problem) -> bool:
