@@ -29,6 +29,7 @@ FIGURES = Path(__file__).resolve().parent / 'figures'
 CASE = '--seed 3 --kind gravity --effects 1 --forces --duration 30 --rate 10'
 SETTLED = 1.0  # [s] after which nothing on the page moves
 DRAW = 'const one = document.getElementById("drawn"); one.value = arguments[0]; one.dispatchEvent(new Event("change"));'
+DRAWN = 'return smaExplore.recordings.charts.size > 0 && document.querySelector("#errors table") !== null'
 POINT = """
 const canvas = smaExplore.recordings.charts.get('run1|U_y').canvas, x = canvas.getBoundingClientRect().x + 150;
 for (const kind of ['pointerdown', 'pointerup']) canvas.dispatchEvent(new PointerEvent(kind, { clientX: x, bubbles: true }));
@@ -66,6 +67,7 @@ def follow_the_tutorial(browser: Any) -> None:
     """Check, compare, look at a part of the error, diagnose, accept."""
     for stage in ('check', 'compare'):
         take(browser, stage)
+    until(browser, DRAWN)
     picture(browser, 'explore_comparison')
     begin(browser, 'candidates')
     until(browser, 'return smaExplore.state.steps.candidates?.state === "done"')

@@ -72,6 +72,8 @@ class CommandParser(argparse.ArgumentParser):
             return suggestion(found[1], re.findall(r'[\w-]+', found[2]))
         if found := re.search(r'unrecognized arguments: .*?(--[\w-]+)', message):
             return suggestion(found[1], self.options())
+        if 'unrecognized arguments' in message and '--out' in self.options():
+            return '; the file that is written is named by --out FILE'
         if 'required: DATA' in message and TOO_MUCH in self._words:
             return f'; {TOO_MUCH} takes all names after it: give DATA before it'
         return ''

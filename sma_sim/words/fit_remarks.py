@@ -49,13 +49,16 @@ def misfit_sentence(error: float) -> str:
 
 
 def other_minima(found: Calibration) -> list[str]:
-    """What other minima say that are nearly as probable."""
-    words = []
+    """What other minima say that are nearly as probable; values within a standard deviation of a parameter are the same."""
+    words = list[str]()
+    intervals = found.uncertainty.intervals if found.uncertainty else ()
+    least = {one.name: max(DIFFERENT * abs(one.value), one.std_of_value if one.seen else 0.0) for one in intervals}
     for start in found.other_starts:
         moved = [
             f'{name} {value:.4g} (here {found.values[name]:.4g})'
             for name, value in start.values.items()
-            if name in found.values and abs(value - found.values[name]) > DIFFERENT * abs(found.values[name])
+            if name in found.values
+            and abs(value - found.values[name]) > least.get(name, DIFFERENT * abs(found.values[name]))
         ]
         if moved and start.log_odds < DECISIVE:
             part = '; the intervals hold these values too' if start.log_odds < RULED_OUT else ''

@@ -27,6 +27,7 @@ from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import SETTLED
 from sma_sim.evidence.estimation.uncertainty import (
     RULED_OUT,
+    Interval,
     checked_by_runs,
     costs_at,
     interval,
@@ -98,9 +99,21 @@ def test_other_minima_are_part_of_an_interval_or_said():
     wide, same = with_other_minima(known, [near]).intervals
     assert (wide.low, wide.high) == (a.low, values['a']) and same == b
     assert with_other_minima(known, [far, ruled_out]) == known
-    found = SimpleNamespace(other_starts=(near, far, ruled_out), values={'a': a.value, 'b': b.value})
+    found = SimpleNamespace(other_starts=(near, far, ruled_out), values={'a': a.value, 'b': b.value}, uncertainty=None)
     said = other_minima(found)
     assert len(said) == 2 and 'the intervals hold these values too' in said[0] and 'intervals' not in said[1]
+    found.uncertainty = known
+    assert other_minima(found) == said
+
+
+def test_another_minimum_within_a_standard_deviation_is_the_same():
+    """A value near zero differs by many times itself and is the same all the same."""
+    zero = Interval('g', 3e-5, 0.02, -0.04, 0.04, False, True, 'm/s^2')
+    start = OtherStart(1e-3, {'g': -8e-3}, False, 0.0)
+    found = SimpleNamespace(other_starts=(start,), values={'g': zero.value}, uncertainty=SimpleNamespace(intervals=(zero,)))
+    assert not other_minima(found)
+    found.uncertainty.intervals = (replace(zero, std=0.002),)
+    assert len(other_minima(found)) == 1
 
 
 def test_a_zero_with_a_prior_is_the_only_one_of_its_gauge():

@@ -33,6 +33,7 @@ def files(tmp_path, monkeypatch):
         ('simulat', 'did you mean simulate'),
         ('simulate --input command.csv --out a.csv --sytem wire', 'did you mean --system'),
         ('simulate --input command.csv --out a.csv --kinetics hybird', 'did you mean hybrid'),
+        ('init mine.yaml', 'unrecognized arguments: mine.yaml; the file that is written is named by --out FILE'),
         ('fit --hold-out run3 runs', '--hold-out takes all names after it: give DATA before it'),
         ('simulate --input command.csv --out a.csv --set beam.e', 'such as --set beam.E=VALUE'),
         ('simulate --input command.csv --out a.csv --set beam.e=2e9', 'did you mean beam.E?'),
