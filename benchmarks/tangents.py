@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 
 from sma_sim import Recording, simulate
 from sma_sim.evidence.estimation.free_parameters import choose_free
-from sma_sim.evidence.estimation.levenberg_marquardt import better_steps
 from sma_sim.evidence.estimation.problem import (
     LinearizedRun,
     Problem,
     accumulated,
+    better_steps,
     linearize,
     linearize_by_differences,
     normal_equations,

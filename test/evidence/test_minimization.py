@@ -14,26 +14,26 @@ from sma_sim.evidence.estimation import levenberg_marquardt, plausibility
 from sma_sim.evidence.estimation import problem as problem_module
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.levenberg_marquardt import (
-    CURVATURE,
     DAMPING_INCREASE,
     MAX_DAMPING,
-    MAX_RUN_STEP,
-    MAX_STEP,
-    MIN_STEP,
     MOST_KEPT,
-    SOLVER_ERROR,
     EarlyStopping,
-    better_steps,
     bounded_step,
     damped_step,
-    measured_steps,
     minimize,
 )
 from sma_sim.evidence.estimation.plausibility import approximate_covariance
 from sma_sim.evidence.estimation.problem import (
+    CURVATURE,
+    MAX_RUN_STEP,
+    MAX_STEP,
+    MIN_STEP,
+    SOLVER_ERROR,
     LinearizedRun,
+    better_steps,
     cost_at,
     feasible,
+    measured_steps,
     normal_equations,
     quadratic_model,
     start_point,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 
@@ -17,11 +17,13 @@ from sma_sim.evidence.estimation.problem import (
     Problem,
     QuadraticModel,
     accumulated,
+    better_steps,
     cost_at,
     cost_of,
     linearized_in_turn,
+    measured_steps,
     near,
-    normal_parts,
+    normal_equations,
     quadratic_model,
     residuals_at,
 )
@@ -36,10 +38,6 @@ WARM_UP = 3  # iterations before early stopping may end a minimisation
 MAX_SECANT_STEPS = 12  # without a linearisation, which costs more than all of them
 SECANT_WARM_UP, PACE_STEPS = 5, 3  # steps before one that is too slow may be given up, and those that tell how fast it is
 SECANT_DAMPING, SECANT_DAMPING_FLOOR = 10.0, 1e-3  # factor after a step that gained little, or much; least at a start
-MIN_STEP, MAX_STEP = 1e-6, 0.02  # of differences, in standard deviations of the priors
-MAX_RUN_STEP = 0.005  # of a start: a MAS wire leaves the neighbourhood of sigma_A at once, so curvature is high there
-CURVATURE = 4.0  # each derivative relative to the one before, in z
-SOLVER_ERROR = 40.0  # of a sample, in units of its noise and of solver.rtol (docs/explanation/calibration.md)
 MOST_KEPT = 2**26  # [bytes] of derivatives that are kept for steps without a linearisation: of 17 runs of 100 s at 50 Hz
 COST_FLOOR = 1e-9  # per sample; below it only the solver's error is fitted
 
@@ -92,10 +90,10 @@ def minimize(problem: Problem, z: Vector, criteria: StopCriteria, context: Searc
     central, damping = criteria.central or problem.has_tangents, criteria.damping
     steps = measured_steps(problem, z, context.pool) if central else None
     for iteration in range(criteria.max_iterations):
-        linear: Iterable[LinearizedRun] = linearized_in_turn(problem, z, context.pool, steps, central)
-        linear = list(linear) if secant else linear
-        corrections = list[Matrix | None]()
-        model = quadratic_model(problem, noting_corrections(linear, corrections), z)
+        runs = linearized_in_turn(problem, z, context.pool, steps, central)
+        linear = list(runs) if secant else []
+        parts = [normal_equations(run, problem.robust) for run in linear or runs]
+        model = accumulated(parts, z, problem.tempering)
         cost = model[0]
         context.on_iteration(label, iteration, cost)
         if context.stop.is_set():
@@ -108,7 +106,8 @@ def minimize(problem: Problem, z: Vector, criteria: StopCriteria, context: Searc
                 return FitResult(problem, z, cost - gained, iteration, True)
             steps = better_steps(problem, model[2], central)
             continue
-        step, gained, damping = damped_step(near(problem, corrections), z, model, damping, min_decrease, context.pool)
+        nearby = near(problem, [part.correction for part in parts])
+        step, gained, damping = damped_step(nearby, z, model, damping, min_decrease, context.pool)
         z = z + step
         if gained <= criteria.relative_decrease * cost and (central or damping <= MAX_DAMPING):
             return FitResult(problem, z, cost - gained, iteration, damping <= MAX_DAMPING)
@@ -120,7 +119,7 @@ def minimize(problem: Problem, z: Vector, criteria: StopCriteria, context: Searc
 def secant_minimum(
     problem: Problem,
     z: Vector,
-    linear: Iterable[LinearizedRun],
+    linear: Sequence[LinearizedRun],
     limits: tuple[float, float],
     context: SearchContext,
     target: float = np.inf,
@@ -132,9 +131,8 @@ def secant_minimum(
     decrease of the cost below which none is made. It is given up where the cost falls too slowly to come down to `target`.
     """
     (damping, min_decrease), (low, high) = limits, problem.limits()
-    corrections = list[Matrix | None]()
-    cost, gradient, hessian = quadratic_model(problem, noting_corrections(linear, corrections), z)
-    nearby = near(problem, corrections)
+    cost, gradient, hessian = quadratic_model(problem, linear, z)
+    nearby = near(problem, [run.correction for run in linear])
     costs = list[float]()
     for iteration in range(MAX_SECANT_STEPS):
         try:
@@ -159,13 +157,6 @@ def secant_minimum(
     return FitResult(problem, z, cost, MAX_SECANT_STEPS, False)
 
 
-def noting_corrections(linear: Iterable[LinearizedRun], corrections: list[Matrix | None]) -> Iterator[LinearizedRun]:
-    """The linearised runs, whose corrections are appended as they pass: all of them would not fit into the memory."""
-    for run in linear:
-        corrections.append(run.correction)
-        yield run
-
-
 def is_too_slow(costs: Sequence[float], target: float) -> bool:
     """Whether a cost that falls as in the last steps cannot come down to `target` in the steps that are left."""
     if len(costs) <= SECANT_WARM_UP:
@@ -181,31 +172,6 @@ def secant_update(run: LinearizedRun, step: Vector, shown: Matrix, taken: bool) 
     missed = shown - run.residuals - np.tensordot(own, run.jacobian, 1)
     jacobian = run.jacobian + np.multiply.outer(own / size, missed)
     return LinearizedRun(run.indices, shown if taken else run.residuals, jacobian)
-
-
-def measured_steps(problem: Problem, z: Vector, executor: Executor) -> Vector | None:
-    """Steps of central differences that suit the neighbourhood of z, from one-sided differences.
-
-    None where tangents take their place.
-    """
-    if problem.has_tangents:
-        return None
-    return better_steps(problem, accumulated(normal_parts(problem, z, executor), z, problem.tempering)[2], central=True)
-
-
-def better_steps(problem: Problem, hessian: Matrix, central: bool) -> Vector:
-    """Difference steps from the (data's) Gauss-Newton Hessian of a linearisation.
-
-    With e the solver's error, s the sensitivity and b the CURVATURE, one-sided differences are wrong by e/h + s b h/2,
-    central ones by e/h + s b^2 h^2/6: the steps are where that is least.
-    """
-    error = SOLVER_ERROR * problem.config.parameters['solver.rtol']
-    sensitivity = np.sqrt(np.maximum(np.diag(hessian), 1e-300) / max(1, problem.samples))
-    ratio = error / sensitivity
-    best = np.cbrt(3.0 * ratio / CURVATURE**2) if central else np.sqrt(2.0 * ratio / CURVATURE)
-    most = np.where(np.arange(len(best)) < len(problem.shared), MAX_STEP, MAX_RUN_STEP)
-    steps: Vector = np.clip(best, MIN_STEP, most)
-    return steps
 
 
 def damped_step(

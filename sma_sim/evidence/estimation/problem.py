@@ -27,6 +27,10 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 QuadraticModel = tuple[float, Vector, Matrix]  # cost, gradient, Gauss-Newton Hessian
 DEFAULT_STEP = 0.02  # of differences, in standard deviations of the priors
+MIN_STEP, MAX_STEP = 1e-6, 0.02  # of differences, in standard deviations of the priors
+MAX_RUN_STEP = 0.005  # of a start: a MAS wire leaves the neighbourhood of sigma_A at once, so curvature is high there
+CURVATURE = 4.0  # each derivative relative to the one before, in z
+SOLVER_ERROR = 40.0  # of a sample, in units of its noise and of solver.rtol (docs/explanation/calibration.md)
 AMBIENT_STEP = 0.1  # of differences in an ambient temperature, in standard deviations of its prior
 DELAY = FreeParameter('delay', 0.0, 0.05, -10.0, 100.0, False, 's')
 START = FreeParameter('start', 0.5, 0.5, -1.0, 1.0, False, '-')
@@ -358,13 +362,14 @@ def start_point(problem: Problem, guess: Vector | None = None) -> Vector:
 class NormalEquations:
     """One run's part of the normal equations: cost (half the sum of squares), gradient, Gauss-Newton Hessian.
 
-    `indices`: where the run's unknowns are in z.
+    `indices`: where the run's unknowns are in z; `correction`: as of a LinearizedRun.
     """
 
     indices: NDArray[np.int64]
     cost: float
     gradient: Vector
     hessian: Matrix
+    correction: Matrix | None = None
 
 
 def robust_cost(residuals: Matrix, robust: bool) -> float:
@@ -389,7 +394,7 @@ def normal_equations(linear: LinearizedRun, robust: bool) -> NormalEquations:
     if robust:
         weights = robust_weights(residuals)
         jacobian, residuals = jacobian * weights, residuals * weights
-    return NormalEquations(linear.indices, cost, jacobian @ residuals, jacobian @ jacobian.T)
+    return NormalEquations(linear.indices, cost, jacobian @ residuals, jacobian @ jacobian.T, linear.correction)
 
 
 def accumulated(parts: Iterable[NormalEquations], z: Vector, tempering: float) -> QuadraticModel:
@@ -423,6 +428,31 @@ def normal_parts(
 ) -> Iterator[NormalEquations]:
     """The normal equations of every run at z, one after the other."""
     return (normal_equations(run, problem.robust) for run in linearized_in_turn(problem, z, executor, steps, central))
+
+
+def measured_steps(problem: Problem, z: Vector, executor: Executor) -> Vector | None:
+    """Steps of central differences that suit the neighbourhood of z, from one-sided differences.
+
+    None where tangents take their place.
+    """
+    if problem.has_tangents:
+        return None
+    return better_steps(problem, accumulated(normal_parts(problem, z, executor), z, problem.tempering)[2], central=True)
+
+
+def better_steps(problem: Problem, hessian: Matrix, central: bool) -> Vector:
+    """Difference steps from the (data's) Gauss-Newton Hessian of a linearisation.
+
+    With e the solver's error, s the sensitivity and b the CURVATURE, one-sided differences are wrong by e/h + s b h/2,
+    central ones by e/h + s b^2 h^2/6: the steps are where that is least.
+    """
+    error = SOLVER_ERROR * problem.config.parameters['solver.rtol']
+    sensitivity = np.sqrt(np.maximum(np.diag(hessian), 1e-300) / max(1, problem.samples))
+    ratio = error / sensitivity
+    best = np.cbrt(3.0 * ratio / CURVATURE**2) if central else np.sqrt(2.0 * ratio / CURVATURE)
+    most = np.where(np.arange(len(best)) < len(problem.shared), MAX_STEP, MAX_RUN_STEP)
+    steps: Vector = np.clip(best, MIN_STEP, most)
+    return steps
 
 
 def quadratic_model(problem: Problem, linear: Iterable[LinearizedRun], z: Vector) -> QuadraticModel:

@@ -22,7 +22,6 @@ from scipy.linalg import qr
 from sma_sim.evidence.estimation.executors import PickledConfig, in_turn
 from sma_sim.evidence.estimation.fit_result import OtherStart
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, FreeParameter
-from sma_sim.evidence.estimation.levenberg_marquardt import measured_steps
 from sma_sim.evidence.estimation.overdispersion import autocorrelation_time
 from sma_sim.evidence.estimation.problem import (
     EvaluationTask,
@@ -32,6 +31,7 @@ from sma_sim.evidence.estimation.problem import (
     accumulated,
     evaluate,
     linearized_in_turn,
+    measured_steps,
     normal_equations,
     robust_cost,
     robust_weights,

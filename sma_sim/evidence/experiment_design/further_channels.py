@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import RESISTIVITY_NAMES, declared_parameters, free_parameter
-from sma_sim.evidence.estimation.levenberg_marquardt import measured_steps
-from sma_sim.evidence.estimation.problem import LinearizedRun, Problem, linearize
+from sma_sim.evidence.estimation.problem import LinearizedRun, Problem, linearize, measured_steps
 from sma_sim.evidence.estimation.residuals import FitData
 from sma_sim.evidence.experiment_design.forecast import RunPrediction
 from sma_sim.evidence.experiment_design.rival_fits import ModelHypothesis

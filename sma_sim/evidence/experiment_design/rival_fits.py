@@ -19,11 +19,11 @@ from sma_sim.evidence.estimation.calibrate import (
 )
 from sma_sim.evidence.estimation.executors import run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.levenberg_marquardt import measured_steps, minimize
+from sma_sim.evidence.estimation.levenberg_marquardt import minimize
 from sma_sim.evidence.estimation.log_evidence import more_probable
 from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.prepared_fit import prepare
-from sma_sim.evidence.estimation.problem import accumulated, cost_at, normal_parts
+from sma_sim.evidence.estimation.problem import accumulated, cost_at, measured_steps, normal_parts
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS, StopCriteria
 from sma_sim.evidence.model_selection.candidates import Candidate, candidates_for

@@ -18,8 +18,15 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.executors import PickledConfig, run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.levenberg_marquardt import measured_steps
-from sma_sim.evidence.estimation.problem import EvaluationTask, LinearizedRun, Problem, evaluate, linearize, near
+from sma_sim.evidence.estimation.problem import (
+    EvaluationTask,
+    LinearizedRun,
+    Problem,
+    evaluate,
+    linearize,
+    measured_steps,
+    near,
+)
 from sma_sim.evidence.estimation.search_context import SearchContext, Stop
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.criteria import CRITERIA
