@@ -29,6 +29,7 @@ from sma_sim.evidence.data.sources import META_FILE
 from sma_sim.evidence.data.tables import write_columns
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
+from sma_sim.model.expected import checked
 from sma_sim.model.nearest import suggestion
 from sma_sim.solver.inputs import inputs_at
 
@@ -38,6 +39,7 @@ NOMINAL_GROUPS = ('wire', 'beam', 'plate', 'environment')
 WRITERS: Mapping[str, Callable[[Path, Mapping[str, Vector]], None]] = {'mcap': write_mcap, 'csv': write_columns}
 
 
+@checked
 def write_challenge(challenge: Challenge, folder: str | Path, format: str = 'mcap') -> None:
     """Write recordings, the model to start from and the sealed answer to a new folder, whole or not at all.
 

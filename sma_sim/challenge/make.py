@@ -16,6 +16,7 @@ from sma_sim.evidence.data.recording import Dataset, Recording
 from sma_sim.model.config import Config, default_parameters
 from sma_sim.model.effects.discovery import package_effects
 from sma_sim.model.errors import UserError
+from sma_sim.model.expected import check_fields, checked
 from sma_sim.model.shown import Shown
 from sma_sim.solver.inputs import Input
 
@@ -42,6 +43,9 @@ class RecordingPlan:
     runs: int = MIN_RUNS
     duration: float = DEFAULT_DURATION
     rate: float = DEFAULT_RATE
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 DEFAULT_PLAN = RecordingPlan()
@@ -73,11 +77,12 @@ class Challenge(Shown):
         return {'seed': f'{self.answer.seed}', **self.dataset.facts()}
 
 
+@checked
 def make_challenge(
     seed: int,
     effects: int | None = None,
     outside: bool | None = None,
-    kinds: Sequence[str] = (),
+    kinds: str | Sequence[str] = (),
     forces: bool = False,
     plan: RecordingPlan = DEFAULT_PLAN,
 ) -> Challenge:
@@ -91,7 +96,7 @@ def make_challenge(
         How many effects are hidden, 0 to 2; without it the seed says.
     outside : bool, optional
         Whether those that are drawn are outside the library of effects; without it the seed says.
-    kinds : sequence of str
+    kinds : str or sequence of str
         Effects that are hidden in any case, by name.
     forces : bool
         Whether the forces of the wires are recorded beside the pose.
@@ -116,7 +121,9 @@ def make_challenge(
     (3, 1)
     """
     check_request(seed, plan)
-    chosen = draw_truths(np.random.default_rng([seed, EFFECT_STREAM]), effects, outside, kinds)
+    chosen = draw_truths(
+        np.random.default_rng([seed, EFFECT_STREAM]), effects, outside, (kinds,) if isinstance(kinds, str) else kinds
+    )
     return challenge_with(chosen, seed, forces, plan)
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from sma_sim.compiler.compile import Compiler, carray, code_of, content_key, first_lines_of, write_source
 from sma_sim.model.layout import O_DEPS, O_DL, O_EPS, O_F, O_LENGTH, O_RATIO, O_V, RANGE
+from sma_sim.model.parameters import is_number
 from sma_sim.model.structures.discovery import FoundStructure, StructureError
 from sma_sim.model.structures.structure import Place, Structure, numbers, record
 
@@ -121,7 +122,7 @@ def checked_value(structure: Structure, role: str, python: Callable[..., Any], g
             f'structure {structure.name!r}: its {role} returns {count} number(s); expected {returns}, for '
             f'{one.wires} wire(s) and {len(one.coordinates)} coordinate(s)'
         )
-    if not np.isfinite(numbers(value)).all():
+    if not all(map(is_number, numbers(value))) or not np.isfinite(numbers(value)).all():
         raise StructureError(
             f'structure {structure.name!r}: its {role} returns {value} at the default parameters, with each coordinate at a '
             'tenth of its scale; expected finite numbers'

@@ -21,6 +21,7 @@ from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import FoundEffect, found_effect, package_effects, with_scopes
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.errors import UserError
+from sma_sim.model.expected import checked
 from sma_sim.model.parameters import Parameter
 from sma_sim.model.structures.discovery import FoundStructure, found_structure, package_structures, structure_of_size
 from sma_sim.model.structures.structure import Structure
@@ -35,6 +36,7 @@ MOVED = {  # modules that files name, and where their classes are now
 }
 
 
+@checked
 def save(result: Any, path: str | Path) -> Path:
     """Write a result of this package to a file (.npz), whole or not at all. Raises UserError."""
     target = Path(path)
@@ -55,6 +57,7 @@ def save(result: Any, path: str | Path) -> Path:
     return target
 
 
+@checked
 def load(path: str | Path, effects: Iterable[Effect] = (), structures: Iterable[Structure] = ()) -> Any:
     """A result from the file that its `save` wrote.
 

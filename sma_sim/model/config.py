@@ -23,6 +23,7 @@ from sma_sim.model.effects.discovery import (
 )
 from sma_sim.model.effects.effect import Effect, EffectChoice
 from sma_sim.model.effects.scope import SEPARATOR
+from sma_sim.model.expected import expect
 from sma_sim.model.given import (
     COMMAND_LINE,
     KINETICS_NAMES,
@@ -520,6 +521,7 @@ def read_config(
     >>> config.parameters['beam.E'], config.kinetics
     (2200000000.0, 'auto')
     """
+    expect('path', path, str | os.PathLike[str] | None)
     given = {name: RawValue(value, f'recorded in {source}', recorded=True) for name, value in recorded.items()}
     given = given_over(given, given_values(None if path is None else Path(path), words))
     found: Mapping[str, FoundEffect] = {}

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import os
+from collections.abc import Callable, Iterable, Mapping, Sized
+from concurrent.futures import Executor
+from dataclasses import fields
+from functools import lru_cache, wraps
+from inspect import signature
+from numbers import Integral
 from pathlib import Path
-from typing import Any
+from types import NoneType, UnionType
+from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.model.errors import UserError
+from sma_sim.model.parameters import is_number
 
 MAKERS = {  # of the arguments of public functions, by their class
     'Config': 'sma_sim.Config(...) or read_config(...)',
@@ -18,15 +26,142 @@ MAKERS = {  # of the arguments of public functions, by their class
     'Recording': 'sma_sim.Recording(...)',
     'Dataset': 'sma_sim.read_dataset(...) or Dataset(...)',
 }
+WORDS: Mapping[Any, str] = {
+    float: 'a number',
+    int: 'a whole number',
+    bool: 'True or False',
+    str: 'a text',
+    Path: 'a path',
+    os.PathLike: 'a path',
+    Executor: 'an executor such as ThreadPoolExecutor()',
+}
+Function = TypeVar('Function', bound=Callable[..., Any])
+MAX_SHOWN = 60  # characters of a value in a message
 
 
-def expect(name: str, value: object, *kinds: type) -> None:
-    """Raise UserError for a value that is of none of these kinds; None is one where it is named."""
-    if isinstance(value, kinds):
-        return
-    words = [kind.__name__ for kind in kinds if kind is not type(None)]
-    maker = MAKERS.get(words[0], '')
-    raise UserError(f'{name}: expected {" or ".join(words)}{maker and f", from {maker}"}; got {type(value).__name__}')
+def checked(function: Function) -> Function:
+    """The function, whose arguments are checked against its annotations before it runs. It raises UserError."""
+    parameters = signature(function)
+
+    @wraps(function)
+    def with_checks(*given: Any, **named: Any) -> Any:
+        try:
+            arguments = parameters.bind(*given, **named).arguments
+        except TypeError:
+            return function(*given, **named)  # says which argument is missing, or is not known
+        hints = hints_of(function)
+        for name, value in arguments.items():
+            if name in hints:
+                expect(name, value, hints[name])
+        return function(*given, **named)
+
+    return cast(Function, with_checks)
+
+
+def check_fields(record: Any) -> None:
+    """Raise UserError for a field of a dataclass that is not as annotated."""
+    kind: Any = type(record)
+    hints = hints_of(kind)
+    for field in fields(record):
+        expect(field.name, getattr(record, field.name), hints[field.name])
+
+
+@lru_cache
+def hints_of(annotated: Any) -> dict[str, Any]:
+    """The types of arguments or fields by name."""
+    return get_type_hints(annotated)
+
+
+def expect(name: str, value: object, hint: Any) -> None:
+    """Raise UserError for a value that is not of an annotated type."""
+    if not is_like(value, hint):
+        classes = [one for one in alternatives(hint) if one is not NoneType]
+        maker = MAKERS.get(getattr(classes[0], '__name__', ''), '')
+        words = ' or '.join(dict.fromkeys(map(words_of, classes)))
+        raise UserError(f'{name}: expected {words}{maker and f", from {maker}"}; got {shown(value)}')
+
+
+def shown(value: object) -> str:
+    """A value in a message: as it is written, where that is short; else its type."""
+    text = repr(value)
+    plain = value is None or isinstance(value, str | Path | bool | int | float | tuple | list | dict)
+    return text if plain and len(text) <= MAX_SHOWN else type(value).__name__
+
+
+def alternatives(hint: Any) -> tuple[Any, ...]:
+    """The types of a union; one that is none stands alone."""
+    return get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+
+
+def is_like(value: Any, hint: Any) -> bool:
+    """Whether a value is of an annotated type, as far as that can be told without reading arrays or iterators."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if hint is Any:
+        return True
+    if origin in (Union, UnionType):
+        return any(is_like(value, one) for one in inner)
+    if origin is tuple and inner[-1:] != (Ellipsis,):
+        return isinstance(value, tuple | list) and len(value) == len(inner) and all(map(is_like, value, inner))
+    if origin is Callable or hint is Callable:
+        return callable(value)
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        return isinstance(value, Mapping) and all(is_like(k, inner[0]) and is_like(v, inner[1]) for k, v in value.items())
+    if origin is np.ndarray:
+        return value is not None  # `as_array` says what is no number
+    if isinstance(origin, type) and issubclass(origin, Iterable):
+        return is_like_several(value, inner[0] if inner else Any)
+    simple = {float: is_number, int: is_whole, Path: is_path, str: is_text, bool: is_truth, Executor: is_executor}
+    if hint in simple:
+        return simple[hint](value)
+    kind = origin or hint
+    return not isinstance(kind, type) or getattr(kind, '_is_protocol', False) or isinstance(value, kind)
+
+
+def is_like_several(value: Any, hint: Any) -> bool:
+    """Whether a value is several of a type; numbers are read, and complained of, where arrays are made of them."""
+    if isinstance(value, str | bytes) or not isinstance(value, Iterable):
+        return False
+    numbers = hint is float or isinstance(value, np.ndarray) or not isinstance(value, Sized)
+    return numbers or all(is_like(one, hint) for one in value)
+
+
+def is_whole(value: object) -> bool:
+    """Whether a value is a whole number."""
+    return isinstance(value, Integral) and not isinstance(value, bool)
+
+
+def is_path(value: object) -> bool:
+    """Whether a value names a file."""
+    return isinstance(value, str | os.PathLike)
+
+
+def is_text(value: object) -> bool:
+    """Whether a value is a text."""
+    return isinstance(value, str)
+
+
+def is_truth(value: object) -> bool:
+    """Whether a value is true or false."""
+    return isinstance(value, bool | np.bool_)
+
+
+def is_executor(value: object) -> bool:
+    """Whether work can be submitted to a value."""
+    return hasattr(value, 'submit')
+
+
+def words_of(hint: Any) -> str:
+    """An annotated type in a message."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin is Callable or hint is Callable:
+        return 'a function'
+    if origin is tuple and inner[-1:] != (Ellipsis,):
+        return f'({", ".join(map(words_of, inner))})'
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        return f'a mapping from {words_of(inner[0])} to {words_of(inner[1])}'
+    if isinstance(origin, type) and issubclass(origin, Iterable | np.ndarray):
+        return 'numbers' if origin is np.ndarray else f'a list of {words_of(inner[0]).removeprefix("a ")}'
+    return WORDS.get(origin or hint, getattr(hint, '__name__', str(hint)))
 
 
 def as_array(name: str, value: Any, like: str = '') -> NDArray[np.float64]:
@@ -39,8 +174,6 @@ def as_array(name: str, value: Any, like: str = '') -> NDArray[np.float64]:
 
 def as_folders(name: str, given: str | Path | Iterable[str | Path]) -> list[Path]:
     """Folders as they may be given: one, or several. Raises UserError."""
-    every = [given] if isinstance(given, str | Path) else list(given)
-    for folder in every:
-        if not isinstance(folder, str | Path):
-            raise UserError(f'{name}: expected a folder, got {folder!r}')
+    expect(name, given, str | Path | Iterable[str | Path])
+    every = [given] if isinstance(given, str | Path) else given
     return [Path(folder) for folder in every]

@@ -69,11 +69,21 @@ def fault_of(parameter: Parameter) -> str:
     if not isinstance(parameter, Parameter):
         return f'expected a Parameter among its parameters, got {parameter!r}'
     name, unit, bounds = parameter.name, parameter.unit, parameter.bounds
+    if not (isinstance(name, str) and name.replace('.', '_').isidentifier()):
+        return f'parameter {name!r}: expected a name of letters, digits and _'
     if not (isinstance(bounds, tuple) and len(bounds) == 2 and all(map(is_number, (parameter.default, *bounds)))):
         return f'parameter {name}: expected numbers, got default {parameter.default!r}, bounds {bounds!r}'
-    if not unit:
-        return f"parameter {name}: expected a unit, such as 'N/m' ('-' for none), got ''"
+    if not (parameter.neutral is None or is_number(parameter.neutral)):
+        return f'parameter {name}: expected a number, got neutral {parameter.neutral!r}'
+    if not (unit and isinstance(unit, str)):
+        return f"parameter {name}: expected a unit, such as 'N/m' ('-' for none), got {unit!r}"
     low, high = bounds
+    realistic = parameter.realistic or bounds
+    if not (isinstance(realistic, tuple) and len(realistic) == 2 and all(map(is_number, realistic))):
+        return f'parameter {name}: expected two numbers, got realistic {realistic!r}'
+    for kind, (low_end, high_end) in (('bounds', bounds), ('realistic', realistic)):
+        if low_end > high_end:
+            return f'parameter {name}: {kind} {low_end:g} to {high_end:g} {unit}; expected the lower end first'
     for kind, value in (('default', parameter.default), ('neutral', parameter.neutral)):
         if value is not None and not low <= value <= high:
             return f'parameter {name}: {kind} {value:g} {unit}; expected {low:g} to {high:g}'

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.model.errors import PhysicsWarning
 from sma_sim.model.layout import O_S_A, O_S_M, Evaluation, InputPoint
 from sma_sim.model.material import heat_capacity
 from sma_sim.model.system import flow
@@ -98,6 +100,10 @@ def notes_on_commands(model: Model, source: Input) -> tuple[str, ...]:
     values = np.asarray(source.values, float)[:, len(structure.drives) : -1]
     cold = np.asarray(source.values, float)[:, -1].min()
     notes = (f'T_E comes to {cold:g} K: expected kelvin, not degrees Celsius',) if cold < COLD else ()
+    if not structure.antagonistic and values.size and values.min() < 0.0:
+        notes = (*notes, f'the heating of a wire comes to {values.min():g} W: a current heats, whatever its sign')
+    for note in notes:
+        warnings.warn(note, PhysicsWarning, stacklevel=4)  # at the line that calls `simulate`
     return notes + tuple(
         f'{name} comes to {abs(column).max():g} W, beyond node.J_max = {J_max:g} W, at which the node cuts it off'
         for name, column in zip(structure.commands, values.T, strict=False)

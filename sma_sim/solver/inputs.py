@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from sma_sim.model.comparable import Comparable
 from sma_sim.model.errors import UserError
-from sma_sim.model.expected import as_array
+from sma_sim.model.expected import as_array, expect
 from sma_sim.model.shown import Shown
+from sma_sim.model.structures.structure import Structure
 
 Vector = NDArray[np.float64]
 INPUT_NAMES = {2: ('J_eq_W', 'T_E_K'), 3: ('strain', 'J_W', 'T_E_K')}  # by the number of columns: module, wire
@@ -39,6 +40,8 @@ class Input(Shown, Comparable):
     names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        expect('linear', self.linear, Sequence[bool])
+        expect('names', self.names, Sequence[str])
         times, values = as_array('times', self.times), as_array('values', self.values)
         if times.ndim != 1 or values.shape != (len(times), len(self.linear)) or len(times) == 0:
             raise UserError(
@@ -48,8 +51,9 @@ class Input(Shown, Comparable):
         object.__setattr__(self, 'values', values)
         if not (np.isfinite(times).all() and np.isfinite(values).all()):
             raise UserError('input: times and values must be finite numbers')
-        if self.names and len(self.names) != len(self.linear):
-            raise UserError(f'input: expected a name for each of {len(self.linear)} columns, got {", ".join(self.names)}')
+        if len(self.columns) != len(self.linear):
+            given = ', '.join(self.names) or 'none'
+            raise UserError(f'input: expected a name for each of {len(self.linear)} columns in names=(...), got {given}')
         if (np.diff(times) <= 0.0).any():
             at = int(np.argmax(np.diff(times) <= 0.0))
             raise UserError(f'input: times must increase, got {times[at]:g} s and then {times[at + 1]:g} s')
@@ -57,7 +61,7 @@ class Input(Shown, Comparable):
     @property
     def columns(self) -> tuple[str, ...]:
         """The names of the columns of `values`."""
-        return self.names or INPUT_NAMES[len(self.linear)]
+        return self.names or INPUT_NAMES.get(len(self.linear), ())
 
     def facts(self) -> Mapping[str, str]:
         """What is to be known at a glance."""
@@ -152,6 +156,22 @@ def input_of(times: Sequence[float], columns: Mapping[str, float | Sequence[floa
     return Input(at, np.column_stack(made), linear)
 
 
+def check_columns(structure: Structure, source: Input) -> None:
+    """Raise UserError where an input has not the columns of a structure."""
+    expected, given = structure.input_columns, source.columns
+    heats_one = not source.names and expected == ('J_W', 'T_E_K') and (source.values[:, 0] >= 0.0).all()  # as J_eq does
+    if given != expected and not (heats_one and given == INPUT_NAMES[2]):
+        makers = {INPUT_NAMES[2]: 'sma_sim.module_input(...)', INPUT_NAMES[3]: 'sma_sim.wire_input(...)'}
+        how = makers.get(expected, f'sma_sim.Input(times, values, linear, names={expected!r})')
+        raise UserError(
+            f'the input has the columns {", ".join(given)}; system {structure.family!r} takes {", ".join(expected)}: '
+            f'make it with {how}'
+        )
+    ambient = source.values[:, -1]
+    if not (ambient > 0.0).all():
+        raise UserError(f'input: T_E = {ambient.min():g} K; expected kelvin, more than 0')
+
+
 def input_between(source: Input, first: float, last: float) -> Input:
     """The rows of an input from time `first` to `last` [s], which are times of rows."""
     rows = (source.times >= first) & (source.times <= last)
@@ -226,6 +246,8 @@ def requested_times(source: Input, samples: Vector | Sequence[float] | float) ->
             )
         return regular_times(source, samples)
     times = np.array(as_array('sample_times', samples, 'per second, or times [s]'))
+    if times.ndim == 0:
+        raise UserError(f'sample_times: expected a rate [1/s] or times (k,) [s], got {samples!r}')
     first, last = source.times[0], source.times[-1]
     if times.ndim != 1 or not (np.diff(times) > 0.0).all() or len(times) and not first <= times[0] <= times[-1] <= last:
         raise UserError(f'sample times must increase from {first:g} s at the earliest to {last:g} s at the latest')

@@ -14,7 +14,7 @@ from sma_sim.compiler.compile import package_compiler
 from sma_sim.model.automaton import EDGES, GUARD_NAMES
 from sma_sim.model.config import Config
 from sma_sim.model.errors import PhysicsWarning, UserError
-from sma_sim.model.expected import expect
+from sma_sim.model.expected import checked
 from sma_sim.model.layout import (
     O_EPS,
     O_LENGTH,
@@ -30,7 +30,7 @@ from sma_sim.solver.columns import are_channels, named_columns, new_samples, sam
 from sma_sim.solver.effect_table import own_scratch
 from sma_sim.solver.end_of_run import melting_note, notes_on_commands, notes_on_start, stop_reason
 from sma_sim.solver.equilibrium import start
-from sma_sim.solver.inputs import INPUT_NAMES, Input, inputs_at, requested_times, segments
+from sma_sim.solver.inputs import Input, check_columns, inputs_at, requested_times, segments
 from sma_sim.solver.integrate import (
     C_H,
     C_LAST_JUMP,
@@ -156,6 +156,7 @@ def check_start(model: Model, found: Any) -> None:
         )
 
 
+@checked
 def simulate(
     model: Model | Config,
     source: Input,
@@ -209,9 +210,6 @@ def simulate(
     >>> run.jumps[0].guard
     'sigma < sigma_M'
     """
-    expect('model', model, Model, Config)
-    expect('source', source, Input)
-    expect('initial_state', initial_state, Run, Trajectory, type(None))
     model = Model(model) if isinstance(model, Config) else model
     initial_state = initial_state.state if isinstance(initial_state, Trajectory) else initial_state
     channels = [channels] if isinstance(channels, str) else channels
@@ -276,22 +274,6 @@ def sampled_channels(
     return log.samples
 
 
-def check_columns(structure: Structure, source: Input) -> None:
-    """Raise UserError where an input has not the columns of a structure."""
-    expected, given = structure.input_columns, source.columns
-    fits = given == expected if source.names else len(given) == len(expected)
-    if not fits:
-        makers = {INPUT_NAMES[2]: 'sma_sim.module_input(...)', INPUT_NAMES[3]: 'sma_sim.wire_input(...)'}
-        how = makers.get(expected, f'sma_sim.Input(times, values, linear, names={expected!r})')
-        raise UserError(
-            f'the input has the columns {", ".join(given)}; system {structure.family!r} takes {", ".join(expected)}: '
-            f'make it with {how}'
-        )
-    ambient = np.asarray(source.values, float)[:, -1]
-    if not (ambient > 0.0).all():
-        raise UserError(f'input: T_E = {ambient.min():g} K; expected kelvin, more than 0')
-
-
 def new_log(model: Model, times: Vector, numbers: NDArray[np.int64]) -> Log:
     """Room for samples of these numbers (solver.columns) at these times (k,) [s], and for jumps."""
     samples = new_samples(len(times), numbers, model.structure)
@@ -309,7 +291,7 @@ def trajectory(
     columns, resistances = named_columns(model.structure, log.samples[written], log.numbers)
     hot = melting_note(model, temperatures_of(model, columns, run))
     if hot and not are_channels(log.numbers, model.structure):  # a fit tries much
-        warnings.warn(hot, PhysicsWarning, stacklevel=3)
+        warnings.warn(hot, PhysicsWarning, stacklevel=4)  # at the line that calls `simulate`
         notes = (*notes, hot)
     time, inputs = times[written], dict[str, Vector]()
     if source is not None and not are_channels(log.numbers, model.structure):

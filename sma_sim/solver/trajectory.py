@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from sma_sim.model.archive import Saved
 from sma_sim.model.comparable import Comparable
+from sma_sim.model.expected import checked
 from sma_sim.model.nearest import UnknownNameError, suggestion
 from sma_sim.model.optional import require
 from sma_sim.model.shown import Shown, listed, text_table
@@ -108,6 +109,7 @@ class Trajectory(Shown, Saved, Comparable):
         words = [f'{name}: {text}' for name, text in self.facts().items() if name != 'columns']
         return '\n'.join([*words, '', text_table(('column', 'first', 'least', 'largest', 'last', 'unit'), rows)])
 
+    @checked
     def plot(self, columns: str | Iterable[str] | None = None, title: str = '') -> Any:
         """The run as a figure: coordinates, temperatures, forces, fractions, modes and command over time.
 

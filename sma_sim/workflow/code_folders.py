@@ -9,6 +9,7 @@ from pathlib import Path
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.model.config import Config, folders_of
 from sma_sim.model.errors import UserError
+from sma_sim.model.expected import checked
 from sma_sim.model.parameter_file import parameter_file
 from sma_sim.model.plugins import OWN
 
@@ -19,6 +20,7 @@ def folders_from(out: Path, folders: Sequence[Path]) -> list[str]:
     return [os.path.relpath(folder.resolve(), home) for folder in folders]
 
 
+@checked
 def write_config(config: Config, path: str | Path) -> Path:
     """Write a parameter file, which `read_config`, every command and the node read, whole or not at all.
 

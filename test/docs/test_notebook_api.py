@@ -210,13 +210,13 @@ def test_progress_is_shown_where_it_is_seen(capsys, monkeypatch):
     assert capsys.readouterr().err == ''
 
 
-def own_effect(name):
+def own_effect(name, bounds=(0.0, 1.0)):
     return sma_sim.Effect(
         name=name,
         port='wire_heat',
         equation='J = -k (T - T_E)',
         source='a fin that conducts',
-        parameters=(sma_sim.Parameter('k', 1e-3, 'W/K', (0.0, 1.0), 'conductance', neutral=0.0, realistic=(1e-4, 1e-2)),),
+        parameters=(sma_sim.Parameter('k', 1e-3, 'W/K', bounds, 'conductance', neutral=0.0, realistic=(1e-4, 1e-2)),),
         kernel=lambda s, w, p: -p.k * (s.T - s.T_E),
     )
 
@@ -308,11 +308,84 @@ SHAPES = {
     'hidden effect': (lambda: sma_sim.make_challenge(1, kinds=['gravty']), 'did you mean gravity'),
     'axis': (lambda: sma_sim.Coordinate('x', 'm', 1.0, axis='w'), 'expected an axis x, y or z'),
     'wires': (lambda: sma_sim.Structure('x', 'x', (), 0), 'expected 1 to 29 wires, got 0'),
+    'a mapping for a file': (lambda: sma_sim.read_config({'beam.E': 2e9}), 'path: expected a text or a path; got'),
+    'a model for a configuration': (lambda: sma_sim.write_config(Model(), 'r.yaml'), 'config: expected Config, from'),
+    'number of a channel': (lambda: simulate(Model(), COMMAND, 10.0, channels=3), 'channels: expected a text or a list of'),
+    'step in words': (lambda: simulate(Model(), COMMAND, 10.0, max_step='a'), "max_step: expected a number; got 'a'"),
+    'rate in words': (lambda: simulate(Model(), COMMAND, '10'), "expected a rate [1/s] or times (k,) [s], got '10'"),
+    'column of no name': (lambda: sma_sim.Input([0.0], [[1.0]], (False,)), 'a name for each of 1 columns in names=(...)'),
+    'one word for all columns': (lambda: sma_sim.Input([0.0], [[1.0]], False), 'linear: expected a list of True or False'),
+    'strain for stress': (lambda: simulate(under_load(), WIRE, 1.0), 'takes stress_Pa, J_W, T_E_K'),
+    'command that cools': (lambda: simulate(slider(), COMMAND, 1.0), "system 'slider' takes J_W, T_E_K"),
+    'number for a file': (lambda: simulate(Model(), COMMAND, 10.0).save(3), 'path: expected a text or a path; got 3'),
+    'file that is none': (lambda: sma_sim.load(3), 'path: expected a text or a path; got 3'),
+    'recordings that are none': (lambda: sma_sim.read_dataset(3), 'paths: expected a text or a path or a list of'),
+    'name of a recording': (lambda: Recording(3, 'module', TIME, {'alpha': ALPHA}, COMMAND), 'name: expected a text; got 3'),
+    'channels without names': (lambda: Recording('r', 'module', TIME, [ALPHA], COMMAND), 'channels: expected a mapping'),
+    'milliseconds': (lambda: recorded(1e3 * TIME), 'expected a source that covers all samples, in seconds as they are'),
+    'input of a wire in a recording': (lambda: recorded(TIME / 12, source=WIRE), "system 'module' takes J_eq_W, T_E_K"),
+    'zero of no channel': (lambda: recorded(zero_std={'alhpa': 1.0}), "got 1.0 for 'alhpa'; did you mean alpha"),
+    'ambient below 0': (lambda: recorded(ambient_std=-3.0), 'ambient_std = -3: expected kelvin, 0 or more'),
+    'side of five wires': (lambda: recorded(unpowered_side=5), 'unpowered_side = 5: expected -1, 0 or 1'),
+    'nothing recorded': (lambda: Dataset(None), 'recordings: expected Recording or a list of Recording'),
+    'noise of all': (lambda: Dataset(recorded(), 1e-3), 'noise_std: expected a mapping from a text to a number'),
+    'endless noise': (lambda: Dataset(recorded(), {'alpha': np.inf}), 'expected a standard deviation in SI units'),
+    'the same name twice': (lambda: Dataset((recorded(), recorded())), "'r' is there twice; give each recording a name"),
+    'number for a parameter': (lambda: FitOptions(free=3), "free: expected names of parameters such as 'beam.E'"),
+    'seed': (lambda: FitOptions(seed=-1), 'seed = -1: expected a whole number, 0 or more'),
+    'one limit': (
+        lambda: FitOptions(limits={'beam.E': 1e9}),
+        'limits: expected a mapping from a text to (a number, a number)',
+    ),
+    'workers': (lambda: sma_sim.calibrate(one(), Config(), executor=4), 'executor: expected an executor such as'),
+    'model of a wire': (lambda: sma_sim.compare(one(), Config(system='wire')), 'r is a recording of a module'),
+    'model of a wire, held out': (
+        lambda: sma_sim.evaluate_held_out(Config(system='wire'), one()),
+        'a recording of a module',
+    ),
+    'endless delay': (lambda: sma_sim.evaluate_held_out(Config(), one(), np.nan), 'delay = nan: expected seconds'),
+    'start of one wire': (
+        lambda: sma_sim.predict(Config(), recorded(), sma_sim.Nuisance(start=(0.1,))),
+        '2 number(s) from 0',
+    ),
+    'held-out recording': (lambda: sma_sim.diagnose(one(), Config(), recorded()), 'held_out: expected Dataset'),
+    'fitted and held out': (lambda: sma_sim.diagnose(one(), Config(), one()), 'r is among the recordings to fit too'),
+    'options for a request': (lambda: sma_sim.diagnose(one(), Config(), request=QUICK), 'expected DiagnosisRequest'),
+    'mapping for options': (lambda: sma_sim.DiagnosisRequest(options={}), 'options: expected FitOptions; got {}'),
+    'folder in numbers': (lambda: sma_sim.find_effects(3), 'folders: expected a text or a path or a list of'),
+    'seed in words': (lambda: sma_sim.make_challenge('a'), "seed: expected a whole number; got 'a'"),
+    'length in words': (lambda: sma_sim.DesignRequest(length='100'), "length: expected a number; got '100'"),
+    'spaces in a name': (lambda: own_effect('my fin'), "effect 'my fin': expected a name of letters, digits and _"),
+    'bounds the wrong way': (
+        lambda: own_effect('fin', bounds=(1.0, 0.0)),
+        'bounds 1 to 0 W/K; expected the lower end first',
+    ),
+    'no function': (lambda: replace(own_effect('fin'), kernel=3), "effect 'fin', kernel: expected a function; got 3"),
+    'parameter twice': (lambda: replace(own_effect('fin'), parameters=own_effect('fin').parameters * 2), 'k is there twice'),
+    'one coordinate': (lambda: replace(pusher(), coordinates=pusher().coordinates[0]), 'expected a list of Coordinate'),
+    'millimetres': (lambda: Config(system=replace(pusher(), coordinates=(MM,))), "unit 'mm'; expected an SI unit"),
+    'default beyond bounds': (
+        lambda: Config(system=replace(pusher(), defaults={'wire.n': -1.0})),
+        'wire.n = -1: expected 1',
+    ),
 }
+MM = sma_sim.Coordinate('x', 'mm', 1.0)
+
+
+def recorded(time=TIME, source=COMMAND, **more):
+    return Recording('r', 'module', time, {'alpha': ALPHA}, source, **more)
+
+
+def under_load():
+    return Config(system='wire').on_bench('wire_under_load')
+
+
+def slider():
+    return Config(system='slider')
 
 
 def one():
-    return Dataset(Recording('r', 'module', TIME, {'alpha': ALPHA}, COMMAND), {'alpha': 1e-3})
+    return Dataset(recorded(), {'alpha': 1e-3})
 
 
 @pytest.mark.parametrize('mistake', SHAPES)

@@ -113,7 +113,7 @@ def difference_scale(time: Vector, values: Vector, order: int = DIFFERENCE_ORDER
     """
     differences = np.diff(values, n=order)
     steps = np.diff(time)
-    if len(steps):
+    if len(steps) >= order:
         gap = steps > 1.5 * np.median(steps)
         near = np.convolve(gap, np.ones(order), 'valid') > 0.5
         differences = differences[~near]

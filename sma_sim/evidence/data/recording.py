@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,14 +14,13 @@ from numpy.typing import NDArray
 from sma_sim.model.archive import Saved
 from sma_sim.model.comparable import Comparable
 from sma_sim.model.errors import UserError
-from sma_sim.model.expected import as_array, expect
+from sma_sim.model.expected import as_array, check_fields, expect
 from sma_sim.model.nearest import suggestion
-from sma_sim.model.parameters import is_number
 from sma_sim.model.renamed import renamed
 from sma_sim.model.shown import Shown, listed
 from sma_sim.model.structures.discovery import KNOWN, FoundStructure, known_structures
 from sma_sim.model.structures.structure import Structure
-from sma_sim.solver.inputs import Input
+from sma_sim.solver.inputs import Input, check_columns
 
 Vector = NDArray[np.float64]
 FIRST = ('module', 'wire')  # their channels come first wherever channels of several systems are listed
@@ -141,12 +141,12 @@ class Recording(Shown, Saved, Comparable):
     imposed_std: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if self.system not in known_structures():
             hint = suggestion(self.system, known_structures())
             raise UserError(
                 f'recording {self.name}: system {self.system!r}{hint}; expected one of {", ".join(INPUT_COLUMNS)}'
             )
-        expect(f'recording {self.name}, source', self.source, Input)
         time = as_array(f'recording {self.name}, time', self.time)
         if time.ndim != 1 or not (np.diff(time) > 0.0).all():
             raise UserError(f'recording {self.name}: time (k,) [s] must increase, got an array of shape {time.shape}')
@@ -161,6 +161,24 @@ class Recording(Shown, Saved, Comparable):
                     f'recording {self.name}, channel {name}: expected {len(time)} samples as there are times, '
                     f'got an array of shape {np.shape(values)}'
                 )
+        check_columns(known_structures()[self.system], self.source)
+        first, last = self.source.times[0], self.source.times[-1]
+        if len(time) and not first <= time[0] <= time[-1] <= last:
+            raise UserError(
+                f'recording {self.name}: time goes from {time[0]:g} to {time[-1]:g} s, source from {first:g} to {last:g} s; '
+                'expected a source that covers all samples, in seconds as they are'
+            )
+        for field_name in ('zero_std', 'drift_std'):
+            for name, std in getattr(self, field_name).items():
+                if name not in known or not 0.0 <= std < inf:
+                    raise UserError(
+                        f'recording {self.name}, {field_name}: expected standard deviations (SI) by channel, of '
+                        f'{", ".join(known)}; got {std!r} for {name!r}{suggestion(name, known)}'
+                    )
+        if not 0.0 <= self.ambient_std < inf:
+            raise UserError(f'recording {self.name}, ambient_std = {self.ambient_std:g}: expected kelvin, 0 or more')
+        if self.unpowered_side not in (-1, 0, 1):
+            raise UserError(f'recording {self.name}, unpowered_side = {self.unpowered_side}: expected -1, 0 or 1')
         object.__setattr__(self, 'time', time)
         numbers = {name: as_array(f'recording {self.name}, {name}', values) for name, values in self.channels.items()}
         object.__setattr__(self, 'channels', {name: numbers[name] for name in known if name in numbers})
@@ -198,17 +216,20 @@ class Dataset(Shown, Saved, Comparable):
     nuisances: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        expect('recordings', self.recordings, Recording | Collection[Recording])
         given = (self.recordings,) if isinstance(self.recordings, Recording) else tuple(self.recordings)
         object.__setattr__(self, 'recordings', given)
-        for recording in given:
-            expect('recordings', recording, Recording)
+        check_fields(self)
+        names = [recording.name for recording in given]
+        if doubled := next((name for name in names if names.count(name) > 1), ''):
+            raise UserError(f'recordings: {doubled!r} is there twice; give each recording a name of its own')
         for name, std in self.noise_std.items():
             if name not in CHANNEL_COLUMNS:
                 known = sorted(self.channels)
                 raise UserError(
                     f'noise_std: no channel {name!r}{suggestion(name, known)}; expected some of {", ".join(known)}'
                 )
-            if not is_number(std) or not std >= 0.0:
+            if not 0.0 <= std < inf:
                 raise UserError(f'noise_std of {name} = {std!r}: expected a standard deviation in SI units, 0 or more')
 
     @property

@@ -22,6 +22,7 @@ from sma_sim.evidence.data.rosbag.raw_messages import is_bag
 from sma_sim.evidence.data.sources import COLUMNS_BY_SYSTEM, checked_noise, read_noise_file, read_source, recordings_in
 from sma_sim.model.effects.ports import CHANNELS
 from sma_sim.model.errors import UserError
+from sma_sim.model.expected import checked
 from sma_sim.model.structures.discovery import known_structures
 
 NEGLIGIBLE_FRACTION = 1e-4  # of what a channel spans: smaller noise is below the error of any model
@@ -32,6 +33,7 @@ RESPONDING = ('strain',)  # channels of quasi-static tests that follow the tempe
 ASSUMED_NOISE_IN = {'m': 1e-5, 'rad': 1e-4, 'N': 0.01, 'K': 0.1, 'ohm': 1e-3}
 
 
+@checked
 def read_dataset(
     paths: str | Path | Sequence[str | Path],
     system: str = 'module',

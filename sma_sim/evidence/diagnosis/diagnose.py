@@ -23,13 +23,13 @@ from sma_sim.evidence.diagnosis.conclusion import (
     conclusion,
     verdicts_by_run,
 )
-from sma_sim.evidence.estimation.calibrate import Calibration, check
+from sma_sim.evidence.estimation.calibrate import Calibration
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.held_out_prediction import RunFit, pooled_error
 from sma_sim.evidence.estimation.interruption import stoppable
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, implausible_in
-from sma_sim.evidence.estimation.prepared_fit import PreparedFit, prepare
+from sma_sim.evidence.estimation.prepared_fit import PreparedFit, check_systems, prepare
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
 from sma_sim.evidence.estimation.search_context import OnProgress, SearchContext
 from sma_sim.evidence.model_selection.criteria import CRITERIA
@@ -44,6 +44,7 @@ from sma_sim.evidence.set_up.check import faults_after_fit, faults_before_fits, 
 from sma_sim.evidence.set_up.faults import Fault, without_faults
 from sma_sim.model.archive import Saved
 from sma_sim.model.config import Config
+from sma_sim.model.expected import checked
 from sma_sim.model.progress import progress_in_words
 from sma_sim.model.renamed import renamed
 from sma_sim.model.shown import Shown, listed
@@ -183,6 +184,7 @@ class Diagnosis(Shown, Saved):
         return (*self.effects, *((self.proposal.effect,) if self.proposal else ()))
 
 
+@checked
 def diagnose(
     dataset: Dataset,
     config: Config,
@@ -238,7 +240,7 @@ def diagnose(
     'none'
     """
     t_start, request = time.perf_counter(), request or DiagnosisRequest()
-    check(dataset, config, request.options)
+    check_systems(dataset, config)
     training, held_out = hold_out_last(dataset, held_out)
     start = prepare(training, config, request.kinetics)
     words = progress_in_words('diagnosing', on_progress)

@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Dataset
-from sma_sim.evidence.data.recordings import same_options
 from sma_sim.evidence.estimation.curve_features import shown_by_curves
 from sma_sim.evidence.estimation.executors import executor_or_threads, run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
@@ -37,7 +36,7 @@ from sma_sim.evidence.estimation.levenberg_marquardt import minimize
 from sma_sim.evidence.estimation.log_evidence import DECISIVE, kinetics_probabilities, log_evidences
 from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.plausibility import MATERIALS, ImplausibleParameter, implausible_of
-from sma_sim.evidence.estimation.prepared_fit import PreparedFit, check_kinetics, prepare
+from sma_sim.evidence.estimation.prepared_fit import PreparedFit, check_kinetics, check_systems, prepare
 from sma_sim.evidence.estimation.problem import AMBIENT, DELAY, START, LinearizedRun, Problem, cost_at, feasible, start_point
 from sma_sim.evidence.estimation.residuals import ZERO_STDS, FitData, fit_data, hidden_rtol, leeway_for
 from sma_sim.evidence.estimation.run_estimates import ParameterByRun, ReducedRun, estimates_by_run, reduced_run
@@ -59,7 +58,7 @@ from sma_sim.evidence.estimation.uncertainty import (
 from sma_sim.model.archive import Saved
 from sma_sim.model.config import AUTO, Config
 from sma_sim.model.errors import UserError
-from sma_sim.model.expected import expect
+from sma_sim.model.expected import check_fields, checked, is_like
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.optional import require
 from sma_sim.model.parameters import Parameter
@@ -119,15 +118,17 @@ class FitOptions:
     material: str = ''
 
     def __post_init__(self) -> None:
-        for name in self.names or ():
-            if not isinstance(name, str):
-                raise UserError(f"free: expected names of parameters such as 'beam.E', got {name!r}")
+        if not is_like(self.free, str | Sequence[str] | None):
+            raise UserError(f"free: expected names of parameters such as 'beam.E', got {self.free!r}")
+        check_fields(self)
         check_kinetics(self.kinetics)
         if self.material and self.material not in MATERIALS:
             hint = suggestion(self.material, MATERIALS)
             raise UserError(f'material {self.material!r}{hint}; expected {", ".join(MATERIALS)}')
-        if isinstance(self.starts, bool) or not isinstance(self.starts, int) or self.starts < 1:
+        if self.starts < 1:
             raise UserError(f'starts = {self.starts!r}: expected a whole number, 1 or more')
+        if self.seed < 0:
+            raise UserError(f'seed = {self.seed!r}: expected a whole number, 0 or more')
 
     @property
     def names(self) -> tuple[str, ...] | None:
@@ -259,6 +260,7 @@ class Calibration(Shown, Saved):
         return pandas.DataFrame.from_dict(rows, orient='index')
 
 
+@checked
 def calibrate(
     dataset: Dataset,
     config: Config,
@@ -306,7 +308,7 @@ def calibrate(
     '2e+09'
     """
     options, t_start = options or FitOptions(), time.perf_counter()
-    check(dataset, config, options)
+    check_systems(dataset, config)
     start = prepare(dataset, config, options.kinetics, options.names)
     with executor_or_threads(executor) as pool, progress_line('fitting') as line:
         heard = progress or (lambda *step: line.show(iteration_words(*step)))
@@ -337,21 +339,6 @@ def fit_with_kinetics(
     problem = fits[0].problem
     undecided = replace(problem, config=problem.config.variant(kinetics=AUTO))
     return replace(fits[0], problem=undecided), probabilities
-
-
-def check(dataset: Dataset, config: Config, options: FitOptions) -> None:
-    """Raise UserError for what cannot be fitted."""
-    expect('dataset', dataset, Dataset)
-    expect('config', config, Config)
-    expect('options', options, FitOptions)
-    if not dataset.recordings:
-        raise UserError('there is no recording to fit')
-    for recording in dataset.recordings:
-        if recording.system != config.structure.structure.name and not same_options(recording.system, config.system):
-            raise UserError(
-                f'{recording.name} is a recording of a {recording.system}, the configuration says system = '
-                f'{config.system}: change it, or leave the recording out'
-            )
 
 
 def problem_for(dataset: Dataset, config: Config, options: FitOptions, every: int, step_limited: bool = True) -> Problem:

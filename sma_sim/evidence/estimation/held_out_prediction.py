@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from math import isfinite
 from threading import Event
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize
+from sma_sim.evidence.estimation.prepared_fit import check_systems
 from sma_sim.evidence.estimation.problem import START, SWITCH, Problem, residuals_at, start_point
 from sma_sim.evidence.estimation.residuals import (
     FitData,
@@ -29,7 +31,8 @@ from sma_sim.evidence.estimation.residuals import (
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import RUN_UNKNOWNS
 from sma_sim.model.config import Config
-from sma_sim.model.expected import expect
+from sma_sim.model.errors import UserError
+from sma_sim.model.expected import checked
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
@@ -162,6 +165,7 @@ def predict_runs(
         return tuple(threads.map(predicted, runs))
 
 
+@checked
 def evaluate_held_out(
     config: Config, dataset: Dataset, delay: float = 0.0, executor: Executor | None = None, fitted_error: float = 1.0
 ) -> tuple[RunFit, ...]:
@@ -200,8 +204,9 @@ def evaluate_held_out(
     >>> sma_sim.evaluate_held_out(sma_sim.Config(), dataset)[0].error < 0.1
     True
     """
-    expect('config', config, Config)
-    expect('dataset', dataset, Dataset)
+    check_systems(dataset, config)
+    if not isfinite(delay):
+        raise UserError(f'delay = {delay}: expected seconds')
     floor = config.parameters['solver.rtol']
     runs = tuple(fit_data(recording, dataset.noise_std, floor=floor) for recording in dataset.recordings)
     with executor_or_threads(executor) as pool:

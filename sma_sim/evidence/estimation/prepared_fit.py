@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from difflib import get_close_matches
 
 from sma_sim.evidence.data.recording import Dataset
+from sma_sim.evidence.data.recordings import same_options
 from sma_sim.evidence.estimation.curve_features import CurveFeatures, curve_features, starting_values
 from sma_sim.model.config import AUTO, MODELS, Config
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, effects_on, find_effects
@@ -48,6 +49,18 @@ def prepare(dataset: Dataset, config: Config, kinetics: str | None = None, free:
     if free != ():
         config = started_from(curves, with_nuisance_effects(config, dataset), free is None)
     return PreparedFit(dataset, config, curves, kinetics_to_try(kinetics, config))
+
+
+def check_systems(dataset: Dataset, config: Config) -> None:
+    """Raise UserError where there is no recording, or one of another system than the model's."""
+    if not dataset.recordings:
+        raise UserError('there is no recording')
+    for recording in dataset.recordings:
+        if recording.system != config.structure.structure.name and not same_options(recording.system, config.system):
+            raise UserError(
+                f'{recording.name} is a recording of a {recording.system}, the configuration says system = '
+                f'{config.system}: change it, or leave the recording out'
+            )
 
 
 def with_nuisance_effects(config: Config, dataset: Dataset) -> Config:

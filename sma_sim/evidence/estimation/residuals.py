@@ -13,7 +13,7 @@ from sma_sim.evidence.data.noise import estimate_noise
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording, channels_of_family, is_resistance
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
-from sma_sim.model.expected import expect
+from sma_sim.model.expected import check_fields, checked
 from sma_sim.model.structures.discovery import known_structures
 from sma_sim.solver.clock import seen_at
 from sma_sim.solver.effect_table import channel_scales
@@ -272,6 +272,7 @@ def most_steps(source: Input, step_limited: bool, rows: int = 0) -> int:
     return most if step_limited else CHOSEN_MODEL_FACTOR * most
 
 
+@checked
 def predict(config: Config, recording: Recording | FitData, nuisance: Nuisance | None = None) -> dict[str, Vector]:
     """What the model shows at the sample times of a recording.
 
@@ -305,9 +306,11 @@ def predict(config: Config, recording: Recording | FitData, nuisance: Nuisance |
     >>> sorted(shown)
     ['F_1', 'F_2', 'R_1', 'R_2', 'T_1', 'T_2', 'U_x', 'U_y', 'alpha']
     """
-    expect('config', config, Config)
-    expect('recording', recording, Recording, FitData)
     run = prepared(recording)
+    if nuisance is not None:
+        check_fields(nuisance)
+        if nuisance.start and not (len(nuisance.start) == run.starts and all(0.0 <= part <= 1.0 for part in nuisance.start)):
+            raise UserError(f'nuisance, start = {nuisance.start}: expected {run.starts} number(s) from 0 to 1, one by wire')
     channels = run.on_bench(config).structure.structure.channels
     _, trajectory, index = simulated(config, run, nuisance, channels)
     return {name: trajectory[CHANNEL_COLUMNS[name]][index] for name in channels}

@@ -74,7 +74,7 @@ from sma_sim.model.config import Config, suggestion
 from sma_sim.model.effects.discovery import find_effects
 from sma_sim.model.effects.scope import SEPARATOR
 from sma_sim.model.errors import UserError
-from sma_sim.model.expected import expect
+from sma_sim.model.expected import checked
 from sma_sim.model.progress import progress_in_words
 from sma_sim.model.structures.structure import Structure
 
@@ -106,10 +106,11 @@ class SearchOutcome:
         return self.linear.interrupted or (self.refitted is not None and self.refitted.interrupted)
 
 
+@checked
 def next_experiment(
     training: Dataset,
     config: Config,
-    request: DesignRequest,
+    request: DesignRequest | None = None,
     executor: Executor | None = None,
     on_progress: Callable[[str], None] | None = None,
 ) -> Plan:
@@ -156,7 +157,7 @@ def next_experiment(
     ...
     sma_sim.model.errors.UserError: --between gravity: expected at least two different explanations
     """
-    t_start = time.perf_counter()
+    t_start, request = time.perf_counter(), request or DesignRequest()
     check_design_request(training, config, request)
     with executor_or_threads(executor) as pool, progress_in_words('designing', on_progress) as report:
         context = SearchContext(pool, Event(), report, request.folders, request.seed)
@@ -192,9 +193,6 @@ def best_plan(
 
 def check_design_request(training: Dataset, config: Config, request: DesignRequest) -> None:
     """Raise UserError for what cannot be designed."""
-    expect('training', training, Dataset)
-    expect('config', config, Config)
-    expect('request', request, DesignRequest)
     structure = config.structure.structure
     if not structure.has_one_command:
         moved = ', '.join([drive.name for drive in structure.drives] + list(structure.commands))

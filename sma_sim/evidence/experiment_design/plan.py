@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from sma_sim.evidence.experiment_design.sequences import CommandGrid
 from sma_sim.evidence.search.posterior import TIE
 from sma_sim.model.archive import Saved
 from sma_sim.model.comparable import Comparable
-from sma_sim.model.expected import as_folders
+from sma_sim.model.expected import as_folders, check_fields
 from sma_sim.model.renamed import renamed
 from sma_sim.model.shown import Shown, listed
 
@@ -50,8 +50,8 @@ class DesignRequest:
         Of the user's effects.
     """
 
-    between: tuple[str, ...] = ()
-    parameters: tuple[str, ...] = ()
+    between: str | Sequence[str] = ()
+    parameters: str | Sequence[str] = ()
     length: float = 100.0
     hold: float = 0.5
     power: float | None = None
@@ -63,6 +63,7 @@ class DesignRequest:
     folders: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
+        check_fields(self)
         check_kinetics(self.kinetics)
         object.__setattr__(self, 'folders', tuple(as_folders('folders', self.folders)))
         for name in ('between', 'parameters'):

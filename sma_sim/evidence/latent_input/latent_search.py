@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.train_test_split import hold_out_last
-from sma_sim.evidence.estimation.calibrate import FitOptions, check, problem_for
+from sma_sim.evidence.estimation.calibrate import FitOptions, problem_for
 from sma_sim.evidence.estimation.executors import executor_or_threads, run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.injection_points import Port, ports_of
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize
 from sma_sim.evidence.estimation.overdispersion import overdispersion
-from sma_sim.evidence.estimation.prepared_fit import check_kinetics, prepare
+from sma_sim.evidence.estimation.prepared_fit import check_kinetics, check_systems, prepare
 from sma_sim.evidence.estimation.problem import Problem, residuals_at, start_point
 from sma_sim.evidence.estimation.search_context import OnProgress, SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS, TEMPERED
@@ -54,6 +54,7 @@ from sma_sim.evidence.model_selection.refit import refit, with_other_kinetics
 from sma_sim.evidence.search.posterior import EVEN, TIE
 from sma_sim.model.config import MODELS, Config
 from sma_sim.model.errors import UserError
+from sma_sim.model.expected import check_fields, checked
 from sma_sim.model.progress import progress_in_words
 from sma_sim.model.renamed import renamed
 from sma_sim.solver.simulate import SimulationError
@@ -89,9 +90,11 @@ class LatentRequest:
     options: FitOptions = field(default_factory=lambda: FitOptions(starts=NOMINAL_STARTS))
 
     def __post_init__(self) -> None:
+        check_fields(self)
         check_kinetics(self.kinetics)
 
 
+@checked
 def estimate_latent_inputs(
     dataset: Dataset,
     config: Config,
@@ -147,7 +150,7 @@ def estimate_latent_inputs(
     'none'
     """
     t_start, request, stop = time.perf_counter(), request or LatentRequest(), Event()
-    check(dataset, config, request.options)
+    check_systems(dataset, config)
     training, _ = hold_out_last(dataset, held_out)
     if config.structure.structure.is_quasi_static:
         raise UserError(

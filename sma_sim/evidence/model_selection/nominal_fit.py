@@ -14,7 +14,7 @@ from sma_sim.evidence.estimation.search_context import OnModel, SearchContext, s
 from sma_sim.evidence.estimation.stop_criteria import NOMINAL_MODEL
 from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import ActiveEffect, effects_on, find_effects
-from sma_sim.model.expected import as_folders
+from sma_sim.model.expected import as_folders, check_fields
 from sma_sim.model.renamed import renamed
 
 GRADIENT = 'temperature_gradient'  # the effect of a specimen that is not equally warm
@@ -53,6 +53,7 @@ class DiagnosisRequest:
     on_model: OnModel = silent_model
 
     def __post_init__(self) -> None:
+        check_fields(self)
         check_kinetics(self.kinetics)
         object.__setattr__(self, 'folders', tuple(as_folders('folders', self.folders)))
 

@@ -14,16 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording, in_order
-from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, calibrate, check
+from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, calibrate
 from sma_sim.evidence.estimation.held_out_prediction import RunFit, evaluate_held_out, nuisances_of
-from sma_sim.evidence.estimation.prepared_fit import on_leading_bench
+from sma_sim.evidence.estimation.prepared_fit import check_systems, on_leading_bench
 from sma_sim.evidence.estimation.residuals import FitData, Nuisance, fit_data, model_columns
 from sma_sim.evidence.estimation.search_context import silent_iteration
 from sma_sim.evidence.residual_analysis.wire_states import with_derived_states
 from sma_sim.model.archive import Saved
 from sma_sim.model.comparable import Comparable
 from sma_sim.model.config import Config
-from sma_sim.model.expected import expect
+from sma_sim.model.expected import checked
 from sma_sim.model.nearest import UnknownNameError, suggestion
 from sma_sim.model.shown import Shown, listed
 
@@ -116,6 +116,7 @@ class Comparison(Shown, Saved):
         return tuple(run for run in self.runs if run.held_out == held_out)
 
 
+@checked
 def compare(
     dataset: Dataset,
     config: Config,
@@ -162,15 +163,15 @@ def compare(
     >>> sma_sim.compare(dataset, sma_sim.Config({'beam.E': 1.9e9})).errors['alpha'] > 3.0
     True
     """
-    expect('dataset', dataset, Dataset)
-    expect('config', config, Config)
+    for recordings in (dataset, held_out):
+        if recordings is not None:
+            check_systems(recordings, config)
     options = FitOptions(free=(), kinetics=config.simulated_kinetics, starts=1, intervals=False)
     config = on_leading_bench(config, dataset)
     if nuisances:
         found = calibrate(dataset, config, options, executor, silent_iteration)
         predicted = evaluate_held_out(config, held_out, found.delay, executor) if held_out is not None else ()
         return comparison_of_runs(config, found.delay, (dataset, found.runs), (held_out, predicted), label)
-    check(dataset, config, options)
     return comparison_of_runs(config, 0.0, (dataset, ()), (held_out, ()), label)
 
 

@@ -13,7 +13,7 @@ from sma_sim.model.effects.conversion import effect_on
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.scope import SEPARATOR, Scope
 from sma_sim.model.errors import UserError
-from sma_sim.model.expected import as_folders
+from sma_sim.model.expected import as_folders, checked
 from sma_sim.model.plugins import OWN, package_plugins, user_plugins
 from sma_sim.model.structures.structure import Structure
 
@@ -95,6 +95,7 @@ def found_effect(effect: Effect, known: Mapping[str, FoundEffect] = MappingProxy
     return FoundEffect(effect, (), (*OWN, *sorted(modules)))
 
 
+@checked
 def find_effects(folders: str | Path | Iterable[str | Path] = ()) -> dict[str, FoundEffect]:
     """All effects by name: those of the package and those in the given folders.
 

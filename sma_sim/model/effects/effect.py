@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from sma_sim.model.effects.ports import CHANNELS, PORT_NAMES
 from sma_sim.model.effects.scope import EVERYWHERE, SEPARATOR, Scope, scopes_at
 from sma_sim.model.errors import UserError
+from sma_sim.model.expected import expect
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.parameters import Parameter, fault_of
 from sma_sim.model.structures.module import STRUCTURE as MODULE
@@ -189,11 +190,21 @@ class Effect:
     structure: Structure = field(default=MODULE, repr=False, hash=False)
 
     def __post_init__(self) -> None:
+        expect('name', self.name, str)
+        expect(f'effect {self.name!r}, parameters', self.parameters, tuple[Parameter, ...])
+        expect(f'effect {self.name!r}, kernel', self.kernel, Callable)
+        for role in ('rate', 'start', 'clock'):
+            expect(f'effect {self.name!r}, {role}', getattr(self, role), Callable | None)
         if fault := self._fault():
             raise UserError(f'effect {self.name!r}: {fault}')
 
     def _fault(self) -> str:
         """What is wrong with the declaration, '' for nothing."""
+        if not self.plain_name.isidentifier() or (self.scope == EVERYWHERE and SEPARATOR in self.name):
+            return 'expected a name of letters, digits and _'
+        names = [getattr(one, 'name', '') for one in self.parameters]
+        if doubled := next((name for name in names if names.count(name) > 1), ''):
+            return f'parameter {doubled} is there twice; give each a name of its own'
         if self.port not in PORT_NAMES:
             return f'port {self.port!r}; expected one of {", ".join(PORT_NAMES)}'
         if self.tried not in TRIED:

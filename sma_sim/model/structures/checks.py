@@ -54,6 +54,10 @@ def reference_faults(structure: Structure) -> Iterator[str]:
             if name not in known:
                 own = ', '.join(structure.declared) or 'none'
                 yield f'{words} names {name}, which is no parameter; its own are {own}'
+    for name, value in structure.defaults.items():
+        (low, high), unit = structure.all_parameters[name].bounds, structure.all_parameters[name].unit
+        if not low <= value <= high:
+            yield f'defaults, {name} = {value:g} {unit}'.removesuffix(' -') + f': expected {low:g} to {high:g}'
 
 
 def function_faults(structure: Structure) -> Iterator[str]:

@@ -9,12 +9,13 @@ from pathlib import Path
 
 import sma_sim.model.structures as package
 from sma_sim.model.errors import UserError
-from sma_sim.model.expected import as_folders
+from sma_sim.model.expected import as_folders, checked
 from sma_sim.model.plugins import OWN, package_plugins, user_plugins
 from sma_sim.model.structures.checks import fault_of
 from sma_sim.model.structures.structure import Structure
 
 ENTRY_POINTS = 'sma_sim.structures'
+NOT_SI = ('mm', 'cm', 'um', 'deg', 'mrad')  # of coordinates: times a generalised force they give no energy [J]
 KNOWN: dict[str, FoundStructure] = {}  # of the user's folders, and of other sizes, that were named in this process
 
 
@@ -70,6 +71,7 @@ def found_structure(structure: Structure) -> FoundStructure:
     return KNOWN[name]
 
 
+@checked
 def find_structures(folders: str | Path | Iterable[str | Path] = ()) -> dict[str, FoundStructure]:
     """All structures by name: those of the package and those in the given folders.
 
@@ -141,7 +143,10 @@ def resized(found: FoundStructure, size: int) -> FoundStructure:
 
 
 def check_channels(structure: Structure, others: Iterable[FoundStructure], file: Path | None) -> None:
-    """Raise StructureError where a channel has the name of another structure's in another unit: files could not tell."""
+    """Raise StructureError where a channel has the name of another structure's in another unit: files could not tell.
+
+    Nor may a coordinate be in a unit that is not SI.
+    """
     for other in others:
         columns = dict(zip(other.structure.channels, other.structure.channel_columns, strict=True))
         for channel, column in zip(structure.channels, structure.channel_columns, strict=True):
@@ -150,6 +155,12 @@ def check_channels(structure: Structure, others: Iterable[FoundStructure], file:
                     f'{file}: the coordinate {channel} would be the column {column}, which is {columns[channel]} of the '
                     f'structure {other.structure.name}; choose another name'
                 )
+    for coordinate in structure.coordinates:
+        if coordinate.unit in NOT_SI:
+            raise StructureError(
+                f'structure {structure.name!r}: coordinate {coordinate.name}: unit {coordinate.unit!r}; '
+                'expected an SI unit, such as m or rad'
+            )
 
 
 def known_structures() -> dict[str, Structure]:

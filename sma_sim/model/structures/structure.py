@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.model.errors import UserError
+from sma_sim.model.expected import expect
 from sma_sim.model.parameters import INITIAL_PARAMETERS, KELVIN, Parameter, initial_fraction
 from sma_sim.model.program_parameters import DEFAULTS
 from sma_sim.model.structures.links import AXES, Drawing, LinkTree
@@ -102,6 +103,8 @@ class Coordinate:
     law: str = ''
 
     def __post_init__(self) -> None:
+        expect('coordinate, name', self.name, str)
+        expect(f'coordinate {self.name!r}, scale', self.scale, float | Callable)
         if self.axis and self.axis not in AXES:
             raise UserError(f'coordinate {self.name!r}: expected an axis x, y or z, got {self.axis!r}')
 
@@ -251,6 +254,14 @@ class Structure:
     source: str = ''
 
     def __post_init__(self) -> None:
+        expect('name', self.name, str)
+        of = f'structure {self.name!r},'
+        expect(f'{of} coordinates', self.coordinates, tuple[Coordinate, ...])
+        expect(f'{of} parameters', self.parameters, Collection)
+        expect(f'{of} wires', self.wires, int)
+        expect(f'{of} defaults', self.defaults, Mapping[str, float])
+        for role in ('lengths', 'forces', 'inertia', 'gradients', 'stiffness', 'gravity', 'accelerations'):
+            expect(f'{of} {role}', getattr(self, role), Callable | None)
         if self.coordinates and not (self.lengths and self.forces and (self.inertia or self.accelerations)):
             raise UserError(f'structure {self.name!r}: coordinates need lengths, forces and inertia')
         if self.antagonistic and self.wires != 2 * self.segments:
