@@ -127,7 +127,7 @@ def python_text(head: Sequence[str], request: DataRequest, steps: Sequence[Job])
             WRITE_LINES[job.stage],
             'config = sma_sim.read_config(file)',
         ]
-    body += ['', *read_lines(is_fitted=False), "summary = summarize(compare(fitted, config, held_out, 'by Python'))"]
+    body += ['', *read_lines(is_fitted=False), "summary = summarize(sma_sim.compare(fitted, config, held_out, 'by Python'))"]
     body += ["write_json(OUT / 'comparison_by_python.json', comparison_result([summary], (), fitted.noise_std))"]
     body += ["print(f'normalized RMSE {summary.fitted_error}')"]
     imports = sorted({*IMPORTS, *(line for job in steps for line in STEP_IMPORTS[job.stage])})
@@ -138,7 +138,7 @@ def python_text(head: Sequence[str], request: DataRequest, steps: Sequence[Job])
 
 def read_lines(is_fitted: bool = True) -> list[str]:
     """The recordings, and the model that a step begins with."""
-    start = f'config, _ = started_from_curves(fitted, config, {is_fitted})'
+    start = f'config = started_from_curves(fitted, config, {is_fitted})'
     return ['fitted, held_out = request.split(request.read(config))', start]
 
 
@@ -163,7 +163,7 @@ def diagnosis_lines(options: Mapping[str, Any]) -> list[str]:
     asked = diagnosis_request(options, ())
     fits = f'sma_sim.{asked.options!r}'
     words = f'{asked.kinetics!r}, FOLDERS, {asked.seed}, {fits}, equation={asked.equation}, variants={asked.variants}'
-    request = f'DiagnosisRequest({words})'.replace('FOLDERS', "tuple(effect_folders_of(HERE / 'start.yaml', ()))")
+    request = f'sma_sim.DiagnosisRequest({words})'.replace('FOLDERS', "tuple(effect_folders_of(HERE / 'start.yaml', ()))")
     return [f'found = sma_sim.diagnose(fitted, config, held_out, {request})']
 
 
@@ -174,8 +174,7 @@ WRITE_LINES = {
     'diagnose': f'write_improved(file, found, {FOLDERS})',
 }
 IMPORTS = (
-    'from sma_sim.evidence.estimation.curve_features import started_from_curves',
-    'from sma_sim.evidence.residual_analysis.compare import compare',
+    'from sma_sim.evidence.estimation.prepared_fit import started_from_curves',
     'from sma_sim.evidence.residual_analysis.summary import summarize',
     'from sma_sim.words.comparison import comparison_result',
     'from sma_sim.words.json_values import write_json',
@@ -188,7 +187,6 @@ STEP_IMPORTS: Mapping[str, tuple[str, ...]] = {
         'from sma_sim.workflow.fit import write_fitted',
     ),
     'diagnose': (
-        'from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest',
         'from sma_sim.model.given import effect_folders_of',
         'from sma_sim.workflow.diagnosis import write_improved',
         'from sma_sim.workflow.code_folders import folders_from',

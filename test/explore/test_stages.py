@@ -1,5 +1,7 @@
 """The steps of a session: their order, the numbers of the commands, processes that are stopped, killed, found again."""
 
+import ast
+import builtins
 import json
 import runpy
 import shlex
@@ -7,6 +9,8 @@ import signal
 import subprocess
 import time
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,7 +24,7 @@ from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.residual_analysis.compare import compare
 from sma_sim.evidence.residual_analysis.metrics import channel_scores
 from sma_sim.explore import worker
-from sma_sim.explore.export import diagnosis_lines, export
+from sma_sim.explore.export import STEP_LINES, diagnosis_lines, export, python_text
 from sma_sim.explore.jobs import Job, jobs_in, new_job
 from sma_sim.explore.session import Start, open_session
 from sma_sim.explore.stages import Engine
@@ -141,6 +145,22 @@ def test_what_is_exported_does_the_same(engine, monkeypatch):
     assert (again / '1_calibrate.yaml').read_text() == fit.files['parameters'].read_text()
     for name in ('again/1_calibrate.yaml', 'again/1_calibrate_by_python.yaml', 'parameters.yaml'):
         assert flat_parameters(read_config(exported.folder / name)) == flat_parameters(engine.session.config(2)), name
+
+
+def test_what_is_exported_imports_what_it_uses():
+    """The lines of all steps at once, without running them."""
+    steps = [SimpleNamespace(stage=stage, options={}) for stage in STEP_LINES]
+    tree = ast.parse(python_text(['head'], DataRequest((Path('runs'),)), steps))
+    scope = {}
+    imports = [node for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)]
+    exec(compile(ast.Module(imports, []), 'imports', 'exec'), scope)
+    names = [node for node in ast.walk(tree) if isinstance(node, ast.Name)]
+    made = {node.id for node in names if isinstance(node.ctx, ast.Store)}
+    assert {node.id for node in names} - made - scope.keys() - vars(builtins).keys() == {'__file__'}
+    public = [
+        node for node in ast.walk(tree) if isinstance(node, ast.Attribute) and getattr(node.value, 'id', '') == 'sma_sim'
+    ]
+    assert public and all(hasattr(scope['sma_sim'], node.attr) for node in public)
 
 
 def named_alike(content):
