@@ -160,7 +160,7 @@ def wrong_columns(dataset: Dataset, config: Config, options: FitOptions, context
             break
     if steps and not steps[-1].leaves_noise and is_robot(thinned(dataset, config, options), steps, context):
         steps.clear()
-    while steps and not steps[-1].leaves_noise and may_be_an_effect(steps[-1].before, steps[-1:], context):
+    while steps and not steps[-1].leaves_noise and may_be_an_effect(steps[-1], context):
         steps.pop()
     found = [step.fault for step in steps]
     if copied:
@@ -343,30 +343,30 @@ def is_robot(problem: Problem, steps: Sequence[Step], context: SearchContext) ->
     names = {run.name for run in after.fit.problem.runs}
     problem = replace(problem, runs=tuple(run for run in problem.runs if run.name in names))
     context.on_progress('the set-up: do the recordings as they are look like another robot?')
-    return may_be_an_effect(fitted(problem, context, after.reach(after.evidence.overdispersion)), steps, context)
+    as_it_is = fitted(problem, context, after.reach(after.evidence.overdispersion))
+    return as_it_is is not None and explain_as_well([as_it_is], after, sum(step.log_prior for step in steps))
 
 
-def may_be_an_effect(base: Model | None, steps: Sequence[Step], context: SearchContext) -> bool:
-    """Whether a nominal model of the recordings before some faults were taken away, or that with one listed effect or one
-    difference between recordings, explains them as well.
+def may_be_an_effect(step: Step, context: SearchContext) -> bool:
+    """Whether one listed effect, or one difference between recordings, explains the recordings as they are as well.
 
-    It is not asked where the nominal model of the recordings without the faults leaves noise only: no effect takes the place
+    It is not asked where the nominal model of the recordings without the fault leaves noise only: no effect takes the place
     of a sign to the last digit.
     """
-    if base is None:
+    if step.before is None:
         return False
-    after, log_prior = steps[-1].after, sum(step.log_prior for step in steps)
+    context.on_progress(f'the set-up: may an effect look as if {step.fault.words}?')
+    base = step.before.fit
+    listed = propose.listed(base, catalogue_for(base, context), (), context)[:SKETCHED]
+    components = [one.component for one in (*listed, *propose.differing(base, (), context))]
+    rivals = extended(step.before, components, context, restarts=False) if components else []
+    return explain_as_well(rivals, step.after, step.log_prior)
 
-    def explain_as_well(models: Sequence[Model]) -> bool:
-        k = min(model.evidence.overdispersion for model in (*models, after))
-        return any(model.score(k) + WINDOW >= after.score(k) + log_prior for model in models)
 
-    if explain_as_well([base]):
-        return True
-    context.on_progress(f'the set-up: may an effect look as if {" and ".join(step.fault.words for step in steps)}?')
-    listed = propose.listed(base.fit, catalogue_for(base.fit, context), (), context)[:SKETCHED]
-    components = [one.component for one in (*listed, *propose.differing(base.fit, (), context))]
-    return bool(components) and explain_as_well([base, *extended(base, components, context, restarts=False)])
+def explain_as_well(models: Sequence[Model], after: Model, log_prior: float) -> bool:
+    """Whether one of some models is as probable as one without faults of a prior probability."""
+    k = min(model.evidence.overdispersion for model in (*models, after))
+    return any(model.score(k) + WINDOW >= after.score(k) + log_prior for model in models)
 
 
 def same_recordings(fault: Fault, other: Fault, problem: Problem) -> bool:
