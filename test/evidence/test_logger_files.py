@@ -111,6 +111,26 @@ READ = {  # content, map, what is said
         'separated by spaces',
     ),
     'plus signs': (PLAIN.partition('\n')[0] + '\n' + rows(lambda _, t, p, x: f'+{t},+{p},+{x:.15f}'), '', ''),
+    'line ends of three systems': (
+        ''.join(line + ('\n', '\r\n', '\r')[k % 3] for k, line in enumerate(PLAIN.splitlines())),
+        '',
+        '',
+    ),
+    'carriage returns doubled': (PLAIN.replace('\n', '\r\r\n'), '', ''),
+    'mark, quotes and a row of units with degrees': (
+        '\ufeff"Time";"Power";"Way";"Temp"\r\n"[s]";"[W]";"[mm]";"[°C]"\r\n'
+        + rows(lambda k, t, p, x: f'{t};{p};{1e3 * x:.15f};{20 + 0.01 * k:.2f}'.replace('.', ',')),
+        'time_s: Time\nJ_W: Power\nposition_m: {column: Way, scale: 0.001}\nT_K: {column: Temp, offset: 273.15}\n',
+        'row of units',
+    ),
+    'quotes in a quoted name': ('"time ""raw""",J_W,position_m\n' + BODY, 'time_s: time "raw"\n', ''),
+    'seconds since 1970': (
+        PLAIN.partition('\n')[0] + '\n' + rows(lambda _, t, p, x: f'{1e9 + t:.2f},{p},{x:.15f}'),
+        '',
+        'counted from the first row, 1000000000.000 s',
+    ),
+    'means below the table': (PLAIN + ',0.5,0.0011\n', '', '1 rows without a time: dropped'),
+    'newest row first': (PLAIN.partition('\n')[0] + '\n' + '\n'.join(ROWS[::-1]) + '\n', '', 'sorted'),
     'line at the end': (PLAIN + '\nEnd of data\n', '', 'last line is incomplete'),
     'each row twice': (PLAIN.partition('\n')[0] + '\n' + ''.join(2 * f'{row}\n' for row in ROWS), '', 'repeat the time'),
 }
@@ -190,6 +210,36 @@ REFUSED = {  # content, map, what is said
         '',
         'or separators of thousands',
     ),
+    'points between thousands': (
+        'time_s;J_W;position_m\n' + rows(lambda _, t, p, x: f'1.{200 + int(t)},{t % 1:.2f};{p};{x:.9f}'.replace('0.', '0,')),
+        '',
+        'or separators of thousands',
+    ),
+    'points between thousands of whole numbers': (
+        't;J_W;x\n' + rows(lambda k, _, p, x: f'{1000 + 50 * k:,};{int(p)};{int(1e9 * x)}'.replace(',', '.')),
+        'time_s: {column: t, scale: 0.001}\nposition_m: {column: x, scale: 1.0e-9}\n',
+        '1.000 has a decimal point or a separator of thousands',
+    ),
+    'spaces between thousands': (
+        'time_s;J_W;position_m\n' + rows(lambda _, t, p, x: f'1\u00a0{200 + t:.2f};{p};{x:.9f}'.replace('.', ',')),
+        '',
+        'or separators of thousands',
+    ),
+    'labview without a column of time': (
+        LABVIEW.format(decimal='.') + rows(lambda _, t, p, x: f'\t{p:.3f}\t{x:.9f}\t'),
+        FOREIGN,
+        'column time_s: expected seconds, got no number',
+    ),
+    'statistics below the table': (PLAIN + 'Mean,0.5,0.001\nMax,2,0.002\n', '', 'or delete a row that is no sample'),
+    'remarks below the table': (PLAIN + '\nOperator: A. B.\nMax;0.1\n', '', "expected a number, got 'Operator: A. B.'"),
+    'stamps of single precision': (
+        PLAIN.partition('\n')[0] + '\n' + rows(lambda _, t, p, x: f'{np.float32(1e9 + t):.2f},{p},{x:.9f}'),
+        '',
+        'record or export it with its fractions of a second',
+    ),
+    'per cent in cells': (PLAIN.replace('1.2', '1.2%'), '', 'write the number alone, without a unit'),
+    'minus sign of typesetters': (PLAIN.replace(',0,', ',\u22120,'), '', 'expected a number'),
+    'a line end in a quoted name': ('"Time\n(s)",J_W,position_m\n' + BODY, 'time_s: Time (s)\n', 'has no column Time (s)'),
     'units in cells': (
         PLAIN.partition('\n')[0] + '\n' + rows(lambda _, t, p, x: f'{t} s,{p} W,{x:.9f} m'),
         '',

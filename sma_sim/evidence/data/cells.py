@@ -69,11 +69,11 @@ def max_row_count(path: Path) -> int:
     if path.suffix.lower() == SUFFIX:
         with open_text(path) as file:
             return sum(1 for _ in file)
-    feeds = returns = 1
+    ends = 1
     with path.open('rb') as raw:
         while piece := raw.read(BLOCK_SIZE):
-            feeds, returns = feeds + piece.count(b'\n'), returns + piece.count(b'\r')
-    return max(feeds, returns)
+            ends += piece.count(b'\n') + piece.count(b'\r') - piece.count(b'\r\n')
+    return ends
 
 
 def text_blocks(path: Path, written: TableFormat) -> Iterator[tuple[str, bool]]:

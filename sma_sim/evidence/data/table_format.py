@@ -49,6 +49,10 @@ MISSING_CELLS = frozenset(
 )
 SAMPLE_TEXT = re.compile(r'\d{4}-\d\d-\d\d[T ].*|\d\d?:\d\d:\d\d.*')  # dates and times of day
 THOUSANDS = re.compile(r'[-+]?[1-9]\d{0,2},\d{3}')  # a decimal comma, or a separator of thousands: nobody can tell
+AMBIGUOUS = {  # by sign: what it may be in decimals, and how to write numbers of which everybody can tell
+    ',': ('comma', 'expected points in decimals: write them so, and no separators of thousands'),
+    '.': ('point', 'write no separators of thousands, or decimals with more or fewer than three digits'),
+}
 
 
 @dataclass(frozen=True)
@@ -241,20 +245,31 @@ def without_comments(text: str) -> str:
 
 
 def has_decimal_commas(path: Path, file: IO[str], separator: str) -> bool:
-    """Whether the numbers have commas; the file is not separated by commas. Raises UserError where nobody can tell."""
+    """Whether the numbers have commas; the file is not separated by commas. Raises UserError where nobody can tell.
+
+    Semicolons are of places where decimals have commas: points before three digits each time may part thousands there.
+    """
     edge = re.escape(separator)
-    number = re.compile(rf'(?m)(?:^|(?<=[{edge}\s"]))[-+]?\d*,\d+(?:[eE][-+]?\d+)?(?=[{edge}\s"]|$)')
-    ambiguous = ''
+    number = re.compile(rf'(?m)(?:^|(?<=[{edge}\s"]))[-+]?\d*[,.]\d+(?:[eE][-+]?\d+)?(?=[{edge}\s"]|$)')
+    ambiguous, has_decimal_points = dict[str, str](), separator != ';'
     while text := file.read(BLOCK_SIZE):
         text += file.readline(MAX_LINE_LENGTH)
-        for found in number.finditer(without_comments(text)) if ',' in text else ():
-            if not THOUSANDS.fullmatch(found.group()):
+        if ',' not in text and has_decimal_points:
+            continue
+        for found in map(re.Match.group, number.finditer(without_comments(text))):
+            sign = ',' if ',' in found else '.'
+            if THOUSANDS.fullmatch(found.replace('.', ',')):
+                ambiguous.setdefault(sign, found)
+            elif sign == ',':
                 return True
-            ambiguous = ambiguous or found.group()
-    if ambiguous:
+            else:
+                has_decimal_points = True
+    if has_decimal_points:
+        ambiguous.pop('.', None)
+    for sign, found in ambiguous.items():
+        word, cure = AMBIGUOUS[sign]
         raise UserError(
-            f'{path}: {ambiguous} has a decimal comma or a separator of thousands, and no other number tells which; '
-            f'expected points in decimals: write them so, and no separators of thousands'
+            f'{path}: {found} has a decimal {word} or a separator of thousands, and no other number tells which; {cure}'
         )
     return False
 
