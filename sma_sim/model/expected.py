@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.model.errors import UserError
-from sma_sim.model.parameters import is_number
+from sma_sim.model.parameters import KELVIN, is_number, kelvin_hint
 
 MAKERS = {  # of the arguments of public functions, by their class
     'Config': 'sma_sim.Config(...) or read_config(...)',
@@ -170,6 +170,15 @@ def as_array(name: str, value: Any, like: str = '') -> NDArray[np.float64]:
         return np.asarray(value, dtype=float)
     except (TypeError, ValueError) as error:
         raise UserError(f'{name}: expected numbers{like and f" {like}"}, got {value!r}') from error
+
+
+def as_kelvin(name: str, value: float) -> float:
+    """A temperature [K]. Raises UserError for one that no robot's surroundings have, as in degrees Celsius."""
+    expect(name, value, float)
+    low, high = KELVIN
+    if not low <= value <= high:
+        raise UserError(f'{name} = {value:g}: expected kelvin between {low:g} and {high:g}{kelvin_hint(value)}')
+    return value
 
 
 def as_folders(name: str, given: str | Path | Iterable[str | Path]) -> list[Path]:

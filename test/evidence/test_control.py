@@ -21,6 +21,20 @@ def wave(times):
     return DEGREE * (1.0 - np.exp(-times)) * (2.5 * np.sin(times / 2.0) + 1.5 * np.sin(times / 1.2))
 
 
+@pytest.mark.parametrize(('gains', 'words'), [((1.0, 0.0, -5.0), 'expected the largest output'), ((1.0, np.nan, 5.0), 'ki')])
+def test_a_limit_does_not_turn_the_output_round(gains, words):
+    with pytest.raises(UserError, match=words):
+        PI(*gains)
+
+
+def test_what_no_controller_can_follow_is_said():
+    law = FeedforwardPI(Config())
+    with pytest.raises(UserError, match='target: expected a function; got 0.05'):
+        law.step(0.0, {'alpha': 0.0}, 0.05)
+    with pytest.raises(UserError, match='T_E = 25: expected kelvin'):
+        law.observe(0.0, None, None, 25.0)
+
+
 @settings(max_examples=50, deadline=None)
 @given(st.integers(0, 10_000))
 def test_constrained_least_squares_is_that_of_another_method_within_bounds(seed):

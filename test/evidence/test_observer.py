@@ -293,6 +293,11 @@ def test_other_structures(system):
         (lambda: Observer(Config()).update(0.0, 1.0, {'alpha': float('inf')}), 'expected a finite number'),
         (lambda: Observer(Config()).update(float('nan')), 'expected a finite time'),
         (lambda: Observer(Config()).estimate, 'has heard nothing yet'),
+        (lambda: Observer(Config()).update(0.0, 1.0, {'alpha': None}), 'measurements: expected a mapping from a text to'),
+        (
+            lambda: Observer(Config()).update(0.0, 1.0, None, 25.0),
+            '25 deg C are 298.15 K',
+        ),
     ],
 )
 def test_what_cannot_be_observed_is_said(make, words):

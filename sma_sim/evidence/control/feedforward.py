@@ -13,7 +13,7 @@ from sma_sim.evidence.control.plan import Planner, Target
 from sma_sim.evidence.state_estimation.estimate import RobotState
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
-from sma_sim.model.expected import expect
+from sma_sim.model.expected import as_kelvin, expect
 from sma_sim.solver.columns import sample_columns
 from sma_sim.solver.fixed_rate import FixedRateRun
 from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS
@@ -128,7 +128,7 @@ class FeedforwardPI:
     ) -> None:
         """Take an ambient temperature from now on [K]; the rest is nothing to this controller."""
         if T_E is not None:
-            self.feedforward.T_E = T_E
+            self.feedforward.T_E = as_kelvin('T_E', T_E)
 
     def step(self, time: float, measurements: Mapping[str, float], target: Target) -> float:
         """The command [W] from `time` [s] on.
@@ -151,6 +151,7 @@ class FeedforwardPI:
         SimulationError
             Where the model cannot follow under any command.
         """
+        expect('target', target, Target)
         measured = measurements.get(self.coordinate, math.nan)
         if not math.isfinite(measured):
             raise UserError(f'measurements: {self.coordinate} = {measured}; expected a finite number')

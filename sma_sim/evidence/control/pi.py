@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from math import isfinite
+
+from sma_sim.model.errors import UserError
+from sma_sim.model.expected import expect
+
 
 class PI:
     """Proportional and integral action with a limited output; the integral stands still while the limit holds it.
@@ -12,9 +17,20 @@ class PI:
         Gains [output/error], [output/(error s)].
     limit : float
         Largest output.
+
+    Raises
+    ------
+    UserError
+        For gains that are not finite, and a limit below 0, which would turn the output round.
     """
 
     def __init__(self, kp: float, ki: float, limit: float) -> None:
+        for name, value in {'kp': kp, 'ki': ki, 'limit': limit}.items():
+            expect(name, value, float)
+            if not isfinite(value):
+                raise UserError(f'{name} = {value}: expected a finite number')
+        if limit < 0.0:
+            raise UserError(f'limit = {limit:g}: expected the largest output, 0 or more')
         self.kp, self.ki, self.limit = kp, ki, limit
         self.integral = 0.0  # of the error, times ki: in units of the output
 

@@ -84,5 +84,6 @@ class PredictiveController:
         SimulationError
             Where the model cannot go on from here under any command.
         """
+        expect('target', target, Target)
         self.observe(time, None, measurements)
         return self._planner.plan(self.observer.state, target)

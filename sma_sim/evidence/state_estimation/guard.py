@@ -120,6 +120,7 @@ class Guard:
 
     def __init__(self, config: Config, counters: Counters | None = None) -> None:
         expect('config', config, Config)
+        expect('counters', counters, Counters | None)
         model = Model(config)
         self._system, self._wire = model.compiled, model.wire
         self._commands, self._wires = len(model.structure.commands), model.wires
@@ -156,6 +157,8 @@ class Guard:
         UserError
             For another number of commands than the structure has.
         """
+        expect('estimate', estimate, Estimate | None)
+        expect('time', time, float)
         asked = np.atleast_1d(np.asarray(J_eq, dtype=float))
         if asked.shape != (self._commands,):
             raise UserError(f'J_eq = {J_eq}: expected {self._commands} number(s) [W]')

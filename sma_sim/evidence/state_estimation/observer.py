@@ -44,7 +44,7 @@ from sma_sim.evidence.state_estimation.uncertain import (
 from sma_sim.model.automaton import INNER
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
-from sma_sim.model.expected import expect
+from sma_sim.model.expected import as_kelvin, expect
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.system import commanded_heating
 from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS, Run
@@ -225,7 +225,10 @@ class Observer:
         UserError
             For a channel that the structure does not have, a wrong number of commands, and values that are not finite.
         """
-        event = Event(time, self._measured(measurements or {}), self._heating(J_eq), finite('T_E', T_E))
+        expect('time', time, float)
+        expect('measurements', measurements, Mapping[str, float] | None)
+        ambient = None if T_E is None else as_kelvin('T_E', T_E)
+        event = Event(time, self._measured(measurements or {}), self._heating(J_eq), ambient)
         if not math.isfinite(time):
             raise UserError(f'time = {time}: expected a finite time [s]')
         if self._beliefs and time < self._beliefs[0].time - EARLIER:
@@ -511,10 +514,3 @@ class Observer:
         oldest = self._events[-1].time - WINDOW
         while len(self._events) > 1 and self._events[1].time < oldest:
             del self._events[0], self._beliefs[0]
-
-
-def finite(name: str, value: float | None) -> float | None:
-    """A value that is finite, or none. Raises UserError."""
-    if value is not None and not math.isfinite(value):
-        raise UserError(f'{name} = {value}: expected a finite number')
-    return value
