@@ -330,7 +330,10 @@ def test_command_writes_data_for_programs(folder, tmp_path, capsys):
         (['{runs}', '--hold-out', 'run'], '--hold-out run: no such file and no such recording'),
         (['{runs}', '--set', 'system=wire'], 'strain'),
         (['{runs}', '--report', 'page.txt'], 'page.txt: expected a name that ends in .html'),
-        (['{runs}', '--map', str(ROOT / 'examples/maps/nitinol_isotherm.yaml')], 'is for --system wire'),
+        (
+            ['{runs}', '--system', 'module', '--map', str(ROOT / 'examples/maps/nitinol_isotherm.yaml')],
+            'is for --system wire',
+        ),
     ],
 )
 def test_wrong_use_is_said(folder, words, message, capsys):

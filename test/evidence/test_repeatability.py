@@ -131,9 +131,7 @@ def test_the_zeros_are_reported(tmp_path, capsys):
         [
             'fit',
             *map(str, files),
-            '--system',
-            'slider',
-            '--map',
+            '--map',  # which says the system
             str(path),
             *words,
             '--model',

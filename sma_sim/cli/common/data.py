@@ -11,6 +11,7 @@ from pathlib import Path
 
 from sma_sim.cli.common.commands import add_kinetics, print_notes
 from sma_sim.cli.common.options import add_namespace_option
+from sma_sim.evidence.data.column_map import entries_of_map
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.tables import check_writable
 from sma_sim.evidence.estimation.curve_features import CurveFeatures, curve_features
@@ -55,7 +56,9 @@ def add_recording_options(parser: argparse.ArgumentParser, nargs: str = '+') -> 
 
 def add_reading_options(parser: argparse.ArgumentParser) -> None:
     """How recordings are to be read: ``--system``, ``--map``, ``--noise``, ``--namespace``."""
-    parser.add_argument('--system', metavar='NAME', help='what was measured (default: the system of --config)')
+    parser.add_argument(
+        '--system', metavar='NAME', help='what was measured (default: the system of --config, else of --map)'
+    )
     parser.add_argument('--map', type=Path, metavar='FILE', help='YAML file that maps foreign columns and units')
     parser.add_argument(
         '--noise',
@@ -77,8 +80,15 @@ def report_path(text: str) -> Path:
 
 
 def system_words(arguments: argparse.Namespace) -> list[str]:
-    """``--system`` as a word of the configuration."""
-    return [f'system={arguments.system}'] if arguments.system else []
+    """``--system`` as a word of the configuration; where nothing says a system, that for which the map was written.
+
+    Raises UserError for what is no map.
+    """
+    files = getattr(arguments, 'configs', None) or getattr(arguments, 'config', None)
+    system = arguments.system
+    if not (system or files or any(word.startswith('system=') for word in arguments.words)) and arguments.map:
+        system = entries_of_map(arguments.map).get('system')
+    return [f'system={system}'] if system else []
 
 
 def add_search_options(parser: argparse.ArgumentParser, seed_of: str) -> None:

@@ -112,8 +112,8 @@ class ColumnMap:
         return replace(self, origins=known)
 
 
-def read_column_map(path: Path, known: Mapping[str, Sequence[str]]) -> ColumnMap:
-    """A map from YAML; `known` holds the columns of each system. Raises UserError."""
+def entries_of_map(path: Path) -> dict[Any, Any]:
+    """What a map says, as it is written. Raises UserError for what is no map."""
     try:
         given = yaml.safe_load(path.read_text(encoding='utf-8-sig'))
     except OSError as error:
@@ -122,6 +122,12 @@ def read_column_map(path: Path, known: Mapping[str, Sequence[str]]) -> ColumnMap
         raise UserError(f'the map {path} is not YAML: {" ".join(str(error).split())}') from error
     if not isinstance(given, dict):
         raise UserError(f'the map {path}: expected lines such as "stress_Pa: {{column: stress_MPa, scale: 1e6}}"')
+    return given
+
+
+def read_column_map(path: Path, known: Mapping[str, Sequence[str]]) -> ColumnMap:
+    """A map from YAML; `known` holds the columns of each system. Raises UserError."""
+    given = entries_of_map(path)
     system = given.pop('system', None)
     if system is not None and system not in known:
         raise UserError(f'the map {path}, system: expected {" or ".join(known)}, got {system!r}')
