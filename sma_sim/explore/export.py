@@ -138,7 +138,7 @@ def python_text(head: Sequence[str], request: DataRequest, steps: Sequence[Job])
 
 def read_lines(is_fitted: bool = True) -> list[str]:
     """The recordings, and the model that a step begins with."""
-    start = f'config = started_from_curves(fitted, config, {is_fitted})'
+    start = f'config, _ = started_from_curves(fitted, config, {is_fitted})'
     return ['fitted, held_out = request.split(request.read(config))', start]
 
 

@@ -102,7 +102,7 @@ class Overlay:
                 return
             with self._lock:
                 prepared = self._ready(config)
-            started = started_from_curves(prepared.fitted, config, is_fitted=False)
+            started = started_from_curves(prepared.fitted, config, is_fitted=False)[0]
             with executor_or_threads(None) as executor:
                 found = compare(prepared.fitted, started, prepared.held_out, executor=executor)
             self._settled[key] = {run.name: run.nuisance for run in found.runs}
@@ -133,7 +133,7 @@ class Overlay:
     def _runs(self, config: Config, known: Nuisances) -> tuple[ComparedRun, ...]:
         """All runs beside a model with what is unknown of them."""
         prepared = self._ready(config)
-        started = started_from_curves(prepared.fitted, config, is_fitted=False)
+        started = started_from_curves(prepared.fitted, config, is_fitted=False)[0]
         held_out = [one.name for one in prepared.held_out.recordings] if prepared.held_out else []
 
         def one(pair: tuple[Recording, FitData]) -> ComparedRun:

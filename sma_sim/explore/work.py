@@ -76,7 +76,7 @@ class WorkOrder:
         self.log.progress('reading the recordings')
         fitted, held_out = request.split(request.read(config))
         announce_compilation(self.log.progress)
-        return started_from_curves(fitted, config, is_fitted), fitted, held_out
+        return started_from_curves(fitted, config, is_fitted)[0], fitted, held_out
 
     def effect_folders(self) -> list[Path]:
         """The folders of the user's effects."""

@@ -120,9 +120,10 @@ def on_leading_bench(config: Config, dataset: Dataset) -> Config:
     return config.on_bench(min(benches, key=lambda name: known_structures()[name].imposed_temperature >= 0))
 
 
-def started_from_curves(dataset: Dataset, config: Config, is_fitted: bool = True) -> Config:
-    """A configuration started from the curves of a dataset, as `started_from` does."""
-    return started_from(curve_features(dataset), config, is_fitted)
+def started_from_curves(dataset: Dataset, config: Config, is_fitted: bool = True) -> tuple[Config, CurveFeatures]:
+    """A configuration started from the curves of a dataset, as `started_from` does, and their features."""
+    curves = curve_features(dataset)
+    return started_from(curves, config, is_fitted), curves
 
 
 def started_from(curves: CurveFeatures, config: Config, is_fitted: bool = True) -> Config:

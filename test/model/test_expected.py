@@ -1,0 +1,134 @@
+"""Arguments against annotations: what is taken, what is refused, and in which words."""
+
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import pytest
+
+from sma_sim import Config, UserError
+from sma_sim.model.expected import as_folders, as_kelvin, check_fields, checked, expect, is_like
+
+Vector = np.typing.NDArray[np.float64]
+Pair = tuple[float, float]
+
+
+class Stop(Protocol):
+    def is_set(self) -> bool: ...
+
+
+class Submits:
+    def submit(self): ...
+
+
+FITS = [
+    (2, float),
+    (np.float32(2.0), float),
+    (np.int64(2), int),
+    (np.True_, bool),
+    ('a', str),
+    (Path('a'), str | Path),
+    ('a', Path),
+    (None, float | None),
+    ((1.0, 2), Pair),
+    ([1.0, 2.0], Pair),
+    ((), tuple[str, ...]),
+    (('a', 'b'), tuple[str, ...]),
+    (['a'], Sequence[str]),
+    ([], Collection[str]),
+    ((name for name in 'ab'), Iterable[str]),
+    (np.zeros(3), Sequence[float]),
+    ([1.0, 'x'], Sequence[float]),  # said where an array is made of it
+    ([1.0], Vector),
+    ({'a': 1.0}, Mapping[str, float]),
+    ({'a': (1.0, 2.0)}, Mapping[str, Pair]),
+    ({}, Mapping[str, Any]),
+    (len, Callable[[str], int]),
+    (len, Callable | None),
+    (Submits(), Executor),
+    (object(), Stop),
+    (Config(), Config),
+    (object(), Any),
+]
+WRONG = [
+    ('2', float, 'a number'),
+    (True, float, 'a number'),
+    (2.0, int, 'a whole number'),
+    (True, int, 'a whole number'),
+    (1, bool, 'True or False'),
+    (3, str, 'a text'),
+    (3, str | Path | None, 'a text or a path'),
+    (None, float, 'a number'),
+    ((1.0,), Pair, r'\(a number, a number\)'),
+    ((1.0, 'x'), Pair, r'\(a number, a number\)'),
+    ('ab', Pair, r'\(a number, a number\)'),
+    ('ab', Sequence[str], 'a list of text'),
+    (3, Sequence[str], 'a list of text'),
+    (['a', 3], tuple[str, ...], 'a list of text'),
+    ('12', Sequence[float], 'a list of number'),
+    (None, Vector, 'numbers'),
+    ({'a': 'x'}, Mapping[str, float], 'a mapping from a text to a number'),
+    ({1: 1.0}, Mapping[str, float], 'a mapping from a text to a number'),
+    ([('a', 1.0)], Mapping[str, float], 'a mapping from a text to a number'),
+    (3, Callable[[str], int], 'a function'),
+    (3, Executor | None, r'an executor such as ThreadPoolExecutor\(\)'),
+    ({'beam.E': 2e9}, Config, r'Config, from sma_sim.Config\(...\) or read_config\(...\)'),
+]
+
+
+@pytest.mark.parametrize(('value', 'hint'), FITS)
+def test_what_fits_an_annotation(value, hint):
+    assert is_like(value, hint)
+    expect('x', value, hint)
+
+
+@pytest.mark.parametrize(('value', 'hint', 'words'), WRONG)
+def test_what_does_not_is_said(value, hint, words):
+    with pytest.raises(UserError, match=f'^x: expected {words}; got '):
+        expect('x', value, hint)
+
+
+def test_what_was_given_is_shown_where_it_is_short():
+    for value, words in ((None, 'None'), ('a', "'a'"), ([3], r'\[3\]'), ('a' * 61, 'str'), (np.zeros(2), 'ndarray')):
+        with pytest.raises(UserError, match=f'got {words}$'):
+            expect('x', value, float)
+
+
+@dataclass(frozen=True)
+class Request:
+    name: str
+    limits: 'Mapping[str, tuple[float, float]]'
+
+    def __post_init__(self):
+        check_fields(self)
+
+
+@checked
+def area(width: float, unit: str = 'm') -> float:
+    return width
+
+
+def test_functions_and_records_are_checked():
+    assert area(2.0) == 2.0 and area(width=3, unit='mm') == 3 and area.__name__ == 'area'
+    with pytest.raises(UserError, match="width: expected a number; got '2'"):
+        area('2')
+    with pytest.raises(UserError, match='unit: expected a text; got 2'):
+        area(1.0, unit=2)
+    with pytest.raises(TypeError, match=r'area\(\) missing 1 required positional argument'):
+        area()
+    assert Request('a', {'b': (0.0, 1.0)}).name == 'a'
+    with pytest.raises(UserError, match='limits: expected a mapping from a text to'):
+        Request('a', {'b': 1.0})
+
+
+def test_folders_and_kelvin():
+    assert as_folders('x', 'a') == as_folders('x', [Path('a')]) == as_folders('x', (name for name in 'a')) == [Path('a')]
+    assert as_kelvin('T_E', 298.0) == 298.0 and as_kelvin('T_E', 150.0) == 150.0
+    for wrong, words in ((25.0, '\n25 deg C are 298.15 K$'), (3000.0, 'between 150 and 2000$'), ('298', "got '298'$")):
+        with pytest.raises(UserError, match=words):
+            as_kelvin('T_E', wrong)
+    with ThreadPoolExecutor(1) as pool:
+        expect('executor', pool, Executor | None)
