@@ -16,7 +16,13 @@ from test_recordings_in_fits import problem_of as module_problem
 
 from sma_sim import FitOptions, calibrate, find_effects, read_config
 from sma_sim.evidence.diagnosis import conclusion
-from sma_sim.evidence.estimation.calibrate import limits_from, limits_reached, multistart_search, within_limits
+from sma_sim.evidence.estimation.calibrate import (
+    LimitReached,
+    limits_from,
+    limits_reached,
+    multistart_search,
+    within_limits,
+)
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, free_parameter
 from sma_sim.evidence.estimation.held_out_prediction import RunFit, pooled_error
@@ -197,6 +203,14 @@ def test_the_end_of_what_a_parameter_can_be_is_no_limit_to_move():
     found = limits_reached(replace(problem, free=(free,), runs=()), np.array([free.low, 0.0]), ())
     assert [(limit.name, limit.is_movable) for limit in found] == [('wire.E_A', False)]
     assert '--limit' not in found[0].text
+
+
+def test_a_limit_of_an_effect_is_moved_in_a_fit_with_it():
+    """`diagnose` knows no limits of effects that it may find."""
+    reached = LimitReached('effects.smooth_transformation.end_M', 36.5, 1.0, 36.5, '-')
+    command = 'sma-sim fit --effect smooth_transformation --limit effects.smooth_transformation.end_M=LOW:HIGH'
+    assert f'(move it: {command})' in reached.text
+    assert '(move it: --limit wire.E_A=LOW:HIGH)' in replace(reached, name='wire.E_A').text
 
 
 def test_a_diagnosis_and_a_fit_of_the_same_effects_take_the_same_minimum(monkeypatch):

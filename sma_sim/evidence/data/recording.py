@@ -23,6 +23,7 @@ from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.inputs import Input, check_columns
 
 Vector = NDArray[np.float64]
+MAX_OUTSIDE = 0.5  # of the samples, before or after the source: there its first and last values hold; more is another unit
 FIRST = ('module', 'wire')  # their channels come first wherever channels of several systems are listed
 
 
@@ -163,7 +164,7 @@ class Recording(Shown, Saved, Comparable):
                 )
         check_columns(known_structures()[self.system], self.source)
         first, last = self.source.times[0], self.source.times[-1]
-        if len(time) and not first <= time[0] <= time[-1] <= last:
+        if len(time) and np.mean((time < first) | (time > last)) > MAX_OUTSIDE:
             raise UserError(
                 f'recording {self.name}: time goes from {time[0]:g} to {time[-1]:g} s, source from {first:g} to {last:g} s; '
                 'expected a source that covers all samples, in seconds as they are'

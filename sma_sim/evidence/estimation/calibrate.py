@@ -627,7 +627,9 @@ class LimitReached:
             return 'it is four times the zero_std of the map'
         if self.name == 'ambient':
             return 'it is five times what rooms differ by'
-        return f'move it: --limit {self.name}=LOW:HIGH'
+        effect = self.name.removeprefix('effects.').rpartition('.')[0] if self.name.startswith('effects.') else ''
+        asked = f'sma-sim fit --effect {effect} ' if effect else ''  # a search knows no limits of effects that it may find
+        return f'move it: {asked}--limit {self.name}=LOW:HIGH'
 
 
 def limits_from(words: Sequence[str]) -> dict[str, Range]:
