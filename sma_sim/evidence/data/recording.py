@@ -109,7 +109,7 @@ class Recording(Shown, Saved, Comparable):
         Arrays (k,) by channel (U_x, U_y, alpha, F_1, F_2, T_1, T_2; stress, T), SI units, NaN where a sample is missing.
         A channel that was not measured is absent; they stand in the order of the system's files.
     source : Input
-        The input of the run; it covers `time`.
+        The input of the run; samples before and after it show its beginning and its end held.
     exact_commands : bool
         Whether the input changed exactly at the rows of `source`. Otherwise it was only sampled, and each change happened
         somewhere between its row and the row before, except those of `known_changes` [s].
@@ -167,7 +167,7 @@ class Recording(Shown, Saved, Comparable):
         if len(time) and np.mean((time < first) | (time > last)) > MAX_OUTSIDE:
             raise UserError(
                 f'recording {self.name}: time goes from {time[0]:g} to {time[-1]:g} s, source from {first:g} to {last:g} s; '
-                'expected a source that covers all samples, in seconds as they are'
+                'expected a source that covers most samples, in seconds as they are'
             )
         for field_name in ('zero_std', 'drift_std'):
             for name, std in getattr(self, field_name).items():
