@@ -22,7 +22,8 @@ KNOWN = {f'effects.{name}': numbers for name, numbers in VALUES.items()}
 
 def interval(name, value, low, high):
     fields = dict.fromkeys(Interval.__dataclass_fields__, None)
-    return Interval(**fields | {'name': name, 'value': value, 'low': low, 'high': high, 'unit': '', 'seen': True})
+    known = {'name': name, 'value': value, 'low': low, 'high': high, 'std': 0.25 * (high - low), 'unit': '', 'seen': True}
+    return Interval(**fields | known)
 
 
 CALIBRATION = SimpleNamespace(
