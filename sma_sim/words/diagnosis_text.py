@@ -47,6 +47,9 @@ ROOMS_DIFFER = (
     'One model explains all runs if their ambient temperatures differ, from that of {first} by {amounts} [K] '
     '(normalized RMSE {held_out:.2f} held out, {train:.2f} others), which is no effect of the robot. Measure them.'
 )
+IN_OWN_ROOMS = (
+    ' Predicted with ambient temperatures of their own, held-out runs have {first:.2f} without effects, {last:.2f} with.'
+)
 REMOVED = (
     'Retracted: {effects}. It does not improve the held-out prediction '
     '(normalized RMSE {worse:.2f} with, {best:.2f} without).'
@@ -192,7 +195,9 @@ def together_sentence(pooled: PooledErrors) -> str:
     first, *others = pooled.above_first.items() or [('', AmbientDifference(0.0, 0.0, 0.0))]
     amounts = joined_words([kelvin_words(*one) for one in others])
     sentence = ROOMS_DIFFER if amounts else BEYOND_FITTED
-    return sentence.format(train=pooled.train, held_out=pooled.held_out, first=first[0], amounts=amounts)
+    said = sentence.format(train=pooled.train, held_out=pooled.held_out, first=first[0], amounts=amounts)
+    errors = pooled.in_own_rooms
+    return said + (IN_OWN_ROOMS.format(first=errors[0], last=errors[-1]) if errors else '')
 
 
 def difference_lines(diagnosis: Diagnosis) -> Iterator[str]:

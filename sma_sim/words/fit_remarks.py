@@ -51,7 +51,7 @@ def misfit_sentence(error: float) -> str:
 def other_minima(found: Calibration) -> list[str]:
     """What other minima say that are nearly as probable; values within a standard deviation of a parameter are the same."""
     words = list[str]()
-    intervals = found.uncertainty.intervals if found.uncertainty else ()
+    intervals = found.uncertainty.intervals if found.uncertainty and found.other_starts else ()
     least = {one.name: max(DIFFERENT * abs(one.value), one.std_of_value if one.seen else 0.0) for one in intervals}
     for start in found.other_starts:
         moved = [

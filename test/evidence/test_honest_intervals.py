@@ -259,22 +259,26 @@ def stage_of(effects, held_out):
 
 
 @pytest.mark.parametrize(
-    ('held_out', 'together', 'verdict', 'retracted'),
+    ('held_out', 'together', 'rooms', 'verdict', 'retracted'),
     [
-        ((5.0, 2.0), 1.0, 'missing_effect', False),  # better, and explained where it is fitted too
-        ((5.0, 8.0), 1.0, 'unknown_effect', False),  # worse: nothing is decided
-        ((5.0, 8.0), 3.0, 'unknown_effect', True),
-        ((5.0, 1.2), 3.0, 'missing_effect', False),
+        ((5.0, 2.0), 1.0, (), 'missing_effect', False),  # better, and explained where it is fitted too
+        ((5.0, 8.0), 1.0, (), 'unknown_effect', False),  # worse: nothing is decided
+        ((5.0, 8.0), 3.0, (), 'unknown_effect', True),
+        ((5.0, 1.2), 3.0, (), 'missing_effect', False),
+        ((5.0, 8.0), 1.0, (3.0, 1.2), 'missing_effect', False),  # worse in the room of the others only
+        ((5.0, 8.0), 1.0, (3.0, 4.0), 'unknown_effect', False),
     ],
 )
-def test_an_effect_that_predicts_worse_is_not_found(monkeypatch, held_out, together, verdict, retracted):
+def test_an_effect_that_predicts_worse_is_not_found(monkeypatch, held_out, together, rooms, verdict, retracted):
     fit = FitResult(module_problem(), np.zeros(len(module_problem().unknowns)), 0.0)
     stages = [stage_of(effects, error) for effects, error in zip(((), ('gravity',)), held_out, strict=True)]
     data = SimpleNamespace(limit=1.3, under=lambda *_: SimpleNamespace(training=1, held_out=1))
     monkeypatch.setattr(conclusion, 'as_fitted', lambda fit, _: fit)
     monkeypatch.setattr(conclusion, 'provisional_stage', lambda *_: stages[0])
     monkeypatch.setattr(conclusion, 'final_stage', lambda _, kind, *__: replace_kind(stages, kind))
-    monkeypatch.setattr(conclusion, 'pooled_refit', lambda *_: conclusion.PooledErrors(together, together))
+    pooled = conclusion.PooledErrors(together, together, {'run3': -1.2} if rooms else {})
+    monkeypatch.setattr(conclusion, 'pooled_refit', lambda *_: pooled)
+    monkeypatch.setattr(conclusion, 'errors_in_own_rooms', lambda *_: rooms)
     monkeypatch.setattr(conclusion, 'has_terms', lambda _: False)
     posterior = SimpleNamespace(best=None, unlisted=0.0)
     found = conclusion.conclusion([('nominal', fit), ('added', fit)], posterior, data, None, SearchContext(None, Event()))

@@ -58,5 +58,7 @@ def test_a_slider_lacks_the_same_whichever_run_is_held_out(held_out):
     best = found.posterior.best
     tied = [best, *found.posterior.rivals(found.posterior.models, best)]
     assert any({'smooth_transformation', 'thermal_expansion'} <= model.names for model in tied)
-    part = 1.0 if held_out == 'step01' else 0.75  # which the nominal model follows best: 1.8 times the noise
-    assert 'thermal_expansion' in best.names and found.stages[-1].held_out < part * found.nominal.held_out
+    before, after = found.nominal.held_out, found.stages[-1].held_out
+    if held_out == 'step01':  # in a room that was 1 K colder, which nobody measured
+        before, *_, after = found.pooled_errors.in_own_rooms
+    assert found.verdict == 'missing_effect' and 'thermal_expansion' in best.names and after < 0.75 * before

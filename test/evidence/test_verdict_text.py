@@ -198,6 +198,8 @@ def test_runs_that_one_model_explains_together():
     above = {'run1': AmbientDifference(0.0, 0.0, 0.0), 'run2': AmbientDifference(-1.28, -1.5, -1.06)}
     warmer = replace(found, pooled_errors=PooledErrors(1.01, 1.04, {'run1': 0.02, 'run2': -1.26}, above))
     assert 'temperatures differ, from that of run1 by run2 -1.28 (-1.5 to -1.1) [K]' in ' '.join(remarks(warmer))
+    predicted = replace(warmer, pooled_errors=replace(warmer.pooled_errors, in_own_rooms=(1.46, 1.2, 1.07)))
+    assert 'held-out runs have 1.46 without effects, 1.07 with' in ' '.join(remarks(predicted))
 
 
 def test_effects_that_explain_all_runs_together_and_predict_worse_are_left_open():

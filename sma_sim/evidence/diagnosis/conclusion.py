@@ -84,6 +84,10 @@ def conclusion(
     explained = pooled is not None and pooled.explained(data.limit)
     best = predicts_best(stages)
     is_worse = best < len(stages) - 1 and stages[-1].held_out > data.limit
+    if is_worse and pooled is not None and pooled.ambient and known.held_out is not None:
+        context.on_progress('predicting the held-out runs, each with an ambient temperature of its own')
+        pooled = replace(pooled, in_own_rooms=errors_in_own_rooms(stages, known.held_out, context))
+        is_worse = pooled.in_own_rooms[-1] > max(data.limit, min(pooled.in_own_rooms))
     if is_worse and not explained:
         context.on_progress('the held-out runs are predicted better with fewer components')
         last = as_fitted(path[best][1], context)
@@ -91,6 +95,14 @@ def conclusion(
         return Conclusion('unknown_effect', last, tuple(stages), None)
     verdict = 'unknown_effect' if is_worse else verdict_of(stages[-1], pooled, posterior, data.limit)
     return Conclusion(verdict, last, tuple(stages), pooled)
+
+
+def errors_in_own_rooms(stages: Sequence[ModelStage], held_out: Dataset, context: SearchContext) -> tuple[float, ...]:
+    """By stage, the normalized RMSE of held-out runs whose ambient temperatures are estimated as their initial states are:
+    where these differ from those of the fitted runs, errors without that compare rooms, not models."""
+    runs = with_differences(held_out, (AMBIENT,))
+    predicted = (evaluate_held_out(one.config, runs, one.delay, context.pool, one.train) for one in stages)
+    return tuple(pooled_error(fits)[0] for fits in predicted)
 
 
 def predicts_best(stages: Sequence[ModelStage]) -> int:
@@ -360,13 +372,15 @@ class PooledErrors:
     """Errors over noise of the training and the held-out runs when one model is fitted to all of them.
 
     `ambient`: by recording, how far its ambient temperature is from that of its input [K], where that had to differ;
-    `above_first`: and from that of the first recording.
+    `above_first`: and from that of the first recording; `in_own_rooms`: by stage, how well the held-out runs are then
+    predicted, where they are predicted worse as they are.
     """
 
     train: float
     held_out: float
     ambient: Mapping[str, float] = field(default_factory=dict)
     above_first: Mapping[str, AmbientDifference] = field(default_factory=dict)
+    in_own_rooms: tuple[float, ...] = ()
 
     def explained(self, limit: float = CRITERIA.unexplained) -> bool:
         """Whether nothing is left in either; `limit`: the error above which something is missing."""
