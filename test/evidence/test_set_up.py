@@ -7,10 +7,13 @@ from threading import Event
 
 import numpy as np
 import pytest
+from isobaric_runs import BENCH as ISOBARIC
+from isobaric_runs import isobaric_tests
 from simulated_data import config, dataset, scaled
 
-from sma_sim import DiagnosisRequest, FitOptions, Recording, diagnose, find_effects, module_input, predict
+from sma_sim import DiagnosisRequest, FitOptions, Recording, diagnose, find_effects, module_input, predict, read_config
 from sma_sim.evidence.diagnosis.review import reviewed
+from sma_sim.evidence.estimation.calibrate import problem_for
 from sma_sim.evidence.estimation.problem import residuals_at, start_point
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import with_effect
@@ -347,3 +350,17 @@ def test_recordings_without_samples_of_a_channel_are_checked_too(runs):
     first, *others = runs.recordings
     empty = Recording(first.name, 'module', first.time, {'alpha': first.channels['alpha']}, first.source)
     assert faults_in(replace(runs, recordings=(empty, *others))) == ()
+
+
+@pytest.mark.parametrize('is_measured', [False, True])
+def test_a_sample_on_the_flank_of_an_isobaric_test_is_no_outlier(is_measured):
+    """A model that transforms sharply is far off there for a sample, of what was measured none stands out."""
+    given = read_config(words=ISOBARIC, effects=['smooth_transformation:width_A=1e8,width_M=8e7'])
+    problem = problem_for(isobaric_tests(given, (1e8,)), given, FitOptions(kinetics='hybrid'), 1)
+    (run,) = problem.runs
+    k = int(np.abs(np.diff(run.measured[0])).argmax())
+    residuals = np.zeros_like(run.measured)
+    residuals[0, k] = 1e3
+    measured = run.measured + is_measured * residuals / run.weight
+    found = outliers(replace(problem, runs=(replace(run, measured=measured),)), [residuals])
+    assert [fault.rows for fault in found] == ([{run.name: (k,)}] if is_measured else [])

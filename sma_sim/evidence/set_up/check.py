@@ -519,14 +519,15 @@ def stands_out(run: FitData, known: NDArray[np.int64], values: Vector, wrong: Ma
     """Which of the `known` samples (k,) that are far off are no answer to a change of the command.
 
     Just after one, at the start too, a model may be far off for a sample: it bends at the change, and a sample whose
-    neighbours reach back to there is not where they say. It counts only where what was measured (`values`, in units of the
-    noise) stands out by itself: from those before and after it, on the same side.
+    neighbours reach back to there is not where they say. So it may at any sample of a quasi-static test, from each of which
+    to the next a wire may transform. It counts only where what was measured (`values`, in units of the noise) stands out by
+    itself: from those before and after it, on the same side.
     """
     time, right = run.time[known], np.flatnonzero(~wrong)
     found = np.ones(len(known), dtype=bool)
     since = np.searchsorted(run.source.times, time, side='right')
     before = np.searchsorted(run.source.times, time[np.maximum(np.arange(len(time)) - NEIGHBOURS // 2, 0)], side='left')
-    for k in np.flatnonzero(wrong & (since > before)):
+    for k in np.flatnonzero(wrong & ((since > before) | run.is_quasi_static)):
         at = np.searchsorted(right, k)
         if at == 0 or at == len(right):
             found[k] = False
