@@ -25,7 +25,7 @@ from sma_sim.evidence.symbolic_regression.formula import Formula
 from sma_sim.evidence.symbolic_regression.locations import locations_for
 from sma_sim.evidence.symbolic_regression.shape_grids import VisitedRanges, peak_frequencies, shape_grid, shape_limits
 from sma_sim.evidence.symbolic_regression.stability import stabilities
-from sma_sim.evidence.symbolic_regression.term_fits import LinearizedFit, TermFit, TermTrial, with_own_responses
+from sma_sim.evidence.symbolic_regression.term_fits import LinearizedFit, TermFit, TermTrial, rms_value, with_own_responses
 from sma_sim.evidence.symbolic_regression.terms import factor, per_unit, product_unit
 from sma_sim.evidence.symbolic_regression.universal_term import universal_term
 from sma_sim.evidence.symbolic_regression.visited_states import VisitedStates, kernel_fields, term_values
@@ -146,12 +146,17 @@ def test_terms_along_a_run_are_those_of_the_simulator():
         for k in (1, 2)
         for kind, unit, value in (('T', '_K', 308.0), ('F', '_N', 1.0), ('x_M', '', 0.5))
     }
-    fields = kernel_fields(time, hot, config(), 0)
-    from sma_sim.evidence.symbolic_regression.visited_states import VisitedStates
+    states = VisitedStates('run', 0, kernel_fields(time, hot, config(), 0))
+    assert term_values(term, (4.0,), states) == pytest.approx(10.0 * (1.0 - np.exp(-time / 4.0)), abs=0.1)
 
-    assert term_values(term, (4.0,), VisitedStates('run', 0, fields)) == pytest.approx(
-        10.0 * (1.0 - np.exp(-time / 4.0)), abs=0.1
-    )
+
+def test_a_term_that_overflows_is_not_tried():
+    """A rate grows exponentially with the temperature, which is anything where a model is wrong."""
+    activated = next(term for term in LOCATIONS['stress'].terms if term.name == 'activated')
+    ones = np.ones(3)
+    states = VisitedStates('run', 0, {'t': np.arange(3.0), 'T': 900.0 * ones, 'T_E': 300.0 * ones})
+    assert rms_value(activated, (0.5,), states) == np.inf
+    assert rms_value(activated, (60.0,), states) < np.inf
 
 
 def test_effects_on_the_structure_see_the_temperatures(tmp_path):

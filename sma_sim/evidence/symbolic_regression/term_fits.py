@@ -11,6 +11,7 @@ from collections.abc import Collection, Iterable, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 from functools import partial
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -179,7 +180,7 @@ def fit_terms_at(linearized: LinearizedFit, group: LocationGroup, stop: Stop) ->
         TermTrial(term, shapes, single.probe / size)
         for term in single.terms
         for shapes in shape_grid(term, ranges)
-        if (size := max(rms_value(term, shapes, states) for states in ranges.visited)) > 0.0
+        if 0.0 < (size := max(rms_value(term, shapes, states) for states in ranges.visited)) < inf
     ]
     by_location = [responses_at(linearized, location, trials) for location in group.singles]
     best: dict[tuple[str, str], TermFit] = {}

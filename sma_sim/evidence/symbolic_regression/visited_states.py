@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, cached_property
 from types import CodeType, SimpleNamespace
@@ -128,7 +129,7 @@ def compiled_expression(expression: str) -> CodeType:
 
 
 def term_values(term: Term, shapes: Sequence[float], states: VisitedStates) -> Vector:
-    """A term along a run, (k,); its state is integrated by Euler's rule at the samples."""
+    """A term along a run, (k,); its state is integrated by Euler's rule at the samples. Infinite from where it overflows."""
     values = {f'q_{k}': float(shape) for k, shape in enumerate(shapes)}
     names = {shape.name: f'p.q_{k}' for k, shape in enumerate(term.shapes)}
     parameters = SimpleNamespace(**values)
@@ -141,11 +142,12 @@ def term_values(term: Term, shapes: Sequence[float], states: VisitedStates) -> V
     samples = states.samples
     rate, memory = compiled_expression(term.text('rate', **names)), SimpleNamespace(z=0.0)
     memory.z = float(eval(compiled_expression(term.text('start', **names)), {**scope, 's': samples[0]}))
-    along = np.zeros(len(samples))
-    for k, s in enumerate(samples):
-        along[k] = eval(value, {**scope, 's': s, 'm': memory})
-        if k + 1 < len(samples):
-            memory.z = euler_step(memory.z, rate, {**scope, 's': s}, float(time[k + 1] - time[k]))
+    along = np.full(len(samples), np.inf)
+    with suppress(OverflowError):  # of a rate that grows with T, where wires are far too hot
+        for k, s in enumerate(samples):
+            along[k] = eval(value, {**scope, 's': s, 'm': memory})
+            if k + 1 < len(samples):
+                memory.z = euler_step(memory.z, rate, {**scope, 's': s}, float(time[k + 1] - time[k]))
     return along
 
 
