@@ -21,10 +21,13 @@ class NativeCodeCache(FunctionCache):
     """Native code of one function in the cache folder."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The code for these types of arguments, if it is kept; with the runtime that it is linked to."""
+        """The code for these types of arguments, if it is kept and can be loaded; with the runtime that it is linked to."""
         _runtime.rtsys.initialize(target_context)
         with self._guard_against_spurious_io_errors():
-            return self._load_overload(sig, target_context)
+            try:
+                return self._load_overload(sig, target_context)
+            except ModuleNotFoundError:  # kept by another program, such as a notebook, whose kernel has the same text
+                return None
 
 
 class CachedCFunc(CFunc):
