@@ -162,7 +162,7 @@ def simulate(
     source: Input,
     sample_times: Vector | Sequence[float] | float,
     max_step: float = np.inf,
-    max_steps: int = 10_000_000,
+    max_steps: float = 10_000_000,
     progress: Callable[[float], None] | None = None,
     initial_state: Run | Trajectory | None = None,
     channels: str | Sequence[str] | None = None,
@@ -179,7 +179,7 @@ def simulate(
         Times [s] within those of the input, increasing, or a rate [1/s].
     max_step : float
         Upper limit of the step size [s].
-    max_steps : int
+    max_steps : float
         The run ends after so many steps, with that reason.
     progress : callable, optional
         Called with the finished share of the run, 0 to 1; without it a terminal or a notebook shows it where it takes long.
