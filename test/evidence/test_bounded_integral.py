@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import erf, expm1, inf, log, log1p, pi, sqrt
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -102,3 +103,13 @@ def test_a_mean_between_the_bounds():
     exact = truncnorm(-0.3, 1.2)
     inside = 0.5 * (erf(1.2 / sqrt(2.0)) + erf(0.3 / sqrt(2.0)))
     assert (np.exp(found), mean, variance) == pytest.approx((inside, exact.mean(), exact.var()))
+
+
+def test_derivatives_of_any_size_leave_the_integral_as_it_is():
+    """Of a model that is no longer one (a fit of guide friction): its bounds are far, and it is the whole integral."""
+    case = np.load(Path(__file__).with_name('exploding_derivatives.npz'))
+    slope, precision, low, high = (case[name] for name in ('slope', 'precision', 'low', 'high'))
+    unit = 1.0 / np.sqrt(np.diag(precision))
+    pull, scaled = unit * slope, np.outer(unit, unit) * precision
+    whole = 0.5 * float(pull @ np.linalg.solve(scaled, pull) - np.linalg.slogdet(scaled)[1]) + float(np.log(unit).sum())
+    assert log_bounded_integral(slope, precision, low, high) == pytest.approx(whole, abs=0.01)

@@ -31,7 +31,9 @@ def log_bounded_integral(slope: Vector, precision: Matrix, low: Vector, high: Ve
 
     The precision (n, n) is positive definite, and 0 lies between the bounds, which may be infinite.
     """
-    precision = precision + ROUNDING * len(low) * np.diag(np.diag(precision))
+    size = 1.0 / np.sqrt(np.diag(precision))  # a unit of each in which rounding errors are small, however steep a model is
+    slope, low, high = size * slope, low / size, high / size
+    precision = np.outer(size, size) * precision + ROUNDING * len(low) * np.eye(len(low))
     width = high - low
     factor = EVEN / width**2
     pull = 0.5 * factor * np.where(np.isfinite(width), [low, high], 0.0).sum(axis=0)
@@ -50,7 +52,7 @@ def log_bounded_integral(slope: Vector, precision: Matrix, low: Vector, high: Ve
         pull = KEPT * pull + (1.0 - KEPT) * (means * (needed + others) - towards)
         factor = KEPT * factor + (1.0 - KEPT) * needed
         rounds += 1
-    return total
+    return total + float(np.log(size).sum())
 
 
 def between_bounds(slope: Vector, precision: Vector, low: Vector, high: Vector) -> tuple[Vector, Vector, Vector]:
