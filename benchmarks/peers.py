@@ -92,7 +92,7 @@ METHODS = {
     'narx_residual': 'sysidentpy, residual',
 }
 NAMING = tuple(METHODS)[:5]  # those that say what is missing
-MOST_SHOWN = 80  # characters of an equation
+MAX_SHOWN = 80  # characters of an equation
 PROGRAMS = ('sma_sim', 'pysindy', 'gplearn', 'sysidentpy', 'emcee', 'numpy')
 Matrix = NDArray[np.float64]
 Search = Callable[[Sequence[Samples], Sequence[str]], Equation]
@@ -366,7 +366,7 @@ def rows(one: Mapping[str, Any]) -> Iterator[str]:
     for method, title in METHODS.items():
         found = one[method]
         said = found.get('said', '')
-        said = said if len(said) <= MOST_SHOWN else f'{said[:MOST_SHOWN]}...'
+        said = said if len(said) <= MAX_SHOWN else f'{said[:MAX_SHOWN]}...'
         counts = ('yes' if is_alarm(one, method) else 'no') if method in NAMING else ''
         right = ', right' if method in NAMING and part != NOTHING and is_right(one, method) else ''
         error = f'{found["held_out"]:.3g}' if 'held_out' in found else ''

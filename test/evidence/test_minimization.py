@@ -16,7 +16,7 @@ from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.levenberg_marquardt import (
     DAMPING_INCREASE,
     MAX_DAMPING,
-    MOST_KEPT,
+    MAX_KEPT,
     EarlyStopping,
     bounded_step,
     damped_step,
@@ -108,7 +108,7 @@ def context(stop=None, **more):
     return SearchContext(None, stop or Event(), **more)
 
 
-@pytest.mark.parametrize(('secant', 'size'), [(False, 0), (True, 0), (True, MOST_KEPT + 1)])
+@pytest.mark.parametrize(('secant', 'size'), [(False, 0), (True, 0), (True, MAX_KEPT + 1)])
 @pytest.mark.parametrize(('tempering', 'high'), [(1.0, 3.0), (30.0, 3.0), (1.0, 0.3)])
 def test_the_minimum_is_that_of_another_optimizer(curves, secant, size, tempering, high):
     """With the prior, however strong, and on bounds; also where derivatives are too large to be kept."""

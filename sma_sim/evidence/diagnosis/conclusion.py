@@ -75,9 +75,10 @@ def conclusion(
     A model that explains them when it is fitted to them too, and else predicts them worse than an earlier one, may be what
     is missing: fitted runs that leave open what it predicts do not tell.
     """
-    stages = [provisional_stage(data, kind, fit, context) for kind, fit in path]
-    last, pooled = as_fitted(path[-1][1], context), None
-    stages[-1] = final_stage(data, path[-1][0], last, context)
+    *before, (kind, fit) = path
+    last, pooled = as_fitted(fit, context), None
+    stages = [provisional_stage(data, *one, context) for one in before]
+    stages.append(final_stage(data, kind, last, context))
     known = data.under(last, context)
     if known.held_out and reaches_beyond_fitted(stages[-1], data.limit):
         pooled = pooled_refit((known.training, known.held_out), last, stages[-1].predicted, options, context, data.limit)

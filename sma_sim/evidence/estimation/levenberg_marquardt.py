@@ -38,7 +38,7 @@ WARM_UP = 3  # iterations before early stopping may end a minimisation
 MAX_SECANT_STEPS = 12  # without a linearisation, which costs more than all of them
 SECANT_WARM_UP, PACE_STEPS = 5, 3  # steps before one that is too slow may be given up, and those that tell how fast it is
 SECANT_DAMPING, SECANT_DAMPING_FLOOR = 10.0, 1e-3  # factor after a step that gained little, or much; least at a start
-MOST_KEPT = 2**26  # [bytes] of derivatives that are kept for steps without a linearisation: of 17 runs of 100 s at 50 Hz
+MAX_KEPT = 2**26  # [bytes] of derivatives that are kept for steps without a linearisation: of 17 runs of 100 s at 50 Hz
 COST_FLOOR = 1e-9  # per sample; below it only the solver's error is fitted
 
 
@@ -86,7 +86,7 @@ def minimize(problem: Problem, z: Vector, criteria: StopCriteria, context: Searc
     central when a step gains little, because valleys are narrow. `label` names the minimisation in `on_iteration`.
     """
     half = 0.5 * problem.samples
-    secant = criteria.secant and problem.derivative_bytes <= MOST_KEPT
+    secant = criteria.secant and problem.derivative_bytes <= MAX_KEPT
     central, damping = criteria.central or problem.has_tangents, criteria.damping
     steps = measured_steps(problem, z, context.pool) if central else None
     for iteration in range(criteria.max_iterations):

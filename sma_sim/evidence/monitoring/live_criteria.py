@@ -11,12 +11,12 @@ MEAN_TIME = 86_400.0
 """[s] between two changes of a robot, beforehand: one a day. A factor of ten is 2.3 nat of all causes alike."""
 AMOUNT = 2.0
 """Standard deviation of an amount, in steps of its cause: a step is a third of what is realistic."""
-MOST_AMOUNT = 4.0 * AMOUNT
+MAX_AMOUNT = 4.0 * AMOUNT
 """[steps] An amount is between 0 and four standard deviations: beyond lies another cause."""
 ONSET_STD = 10.0
 """[s] of an instant that the data do not tell: what changes slowly shows late."""
 EARLIER = 2.0 * ONSET_STD
-"""[s] by which a change may have begun before it shows."""
+"""[s] before its detection at which a change may have begun, at the earliest."""
 
 # How the past is kept
 BIN = 0.25
@@ -55,7 +55,7 @@ PARAMETER_STEP = 0.05
 """Of its standard deviation, by which a parameter is moved for derivatives; estimates that change by less have settled."""
 DECREASE = 0.05
 """Of the log posterior, below which a fit has ended: verdicts are read to a tenth of a nat."""
-DAMPING, MOST_DAMPING, DAMPED = 1e-2, 1e6, 5.0
+DAMPING, MAX_DAMPING, DAMPED = 1e-2, 1e6, 5.0
 """Of a step at first, at most (it moves nothing then), and the factor of a change."""
 
 # The command that decides between two causes: simple ones, the shortest first

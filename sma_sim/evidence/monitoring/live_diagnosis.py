@@ -50,9 +50,9 @@ from sma_sim.evidence.monitoring.live_criteria import (
     EARLIER,
     FEW_INSTANTS,
     INSTANTS,
+    MAX_AMOUNT,
+    MAX_DAMPING,
     MEAN_TIME,
-    MOST_AMOUNT,
-    MOST_DAMPING,
     MOVED,
     ONSET_STD,
     PARAMETER_STEP,
@@ -398,7 +398,7 @@ class LiveDiagnosis:
             if (amounts > 0.0).all():
                 rows = np.vstack([s, np.zeros(s.shape[1])])
                 start = FittedCause(cause, chosen, amounts, part.residuals, rows, onset)
-                pointed = self._at(part, start, np.minimum(amounts, MOST_AMOUNT), onset)
+                pointed = self._at(part, start, np.minimum(amounts, MAX_AMOUNT), onset)
                 found += [] if pointed is None else [pointed]
         return sorted(found, key=lambda one: -one.score())[:1]
 
@@ -434,7 +434,7 @@ class LiveDiagnosis:
             cost = 0.5 * (float(left @ left) + along**2 * weight)
             if along > 0.0 and cost < least:
                 best, scale, least = tried.onset, along, cost
-        amounts = np.clip(scale * start.amounts, 0.0, MOST_AMOUNT)
+        amounts = np.clip(scale * start.amounts, 0.0, MAX_AMOUNT)
         found = self._at(part, start, amounts, best)
         return start if found is None or found.cost > start.cost else found
 
@@ -446,9 +446,9 @@ class LiveDiagnosis:
             assert best is not None
             gradient = best.responses @ best.left - np.append(best.amounts / AMOUNT**2, 0.0)
             precision = best.precision()
-            while damping <= MOST_DAMPING:
+            while damping <= MAX_DAMPING:
                 step = np.linalg.solve(precision + damping * np.diag(np.diag(precision)), gradient)
-                amounts = np.clip(best.amounts + step[:-1], 0.0, MOST_AMOUNT)
+                amounts = np.clip(best.amounts + step[:-1], 0.0, MAX_AMOUNT)
                 onset = min(max(best.onset + float(step[-1]), 0.0), latest)
                 tried = self._at(part, best, amounts, onset)
                 if tried is not None and tried.cost < best.cost:

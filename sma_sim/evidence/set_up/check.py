@@ -54,7 +54,7 @@ from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
 Rows = NDArray[np.float64]
-MOST_FAULTS = 6  # of one set-up: more are another robot, and each costs a fit
+MAX_FAULTS = 6  # of one set-up: more are another robot, and each costs a fit
 FITTED = 3  # proposals that are fitted
 HOPELESS = 100.0  # times the least squares without a fault: parameters do not make up for a factor of ten
 FEW_STEPS = 6  # of a fit that hardly moves: a sign cannot be made up for, and far from the truth runs are slow
@@ -149,7 +149,7 @@ def wrong_columns(dataset: Dataset, config: Config, options: FitOptions, context
         return ()
     copied = copied_commands(thinned(dataset, config, options), context)
     steps = list[Step]()
-    while len(steps) < MOST_FAULTS and not context.stop.is_set():
+    while len(steps) < MAX_FAULTS and not context.stop.is_set():
         problem = thinned(dataset, config, options, [step.fault for step in steps])
         proposals = proposed(problem, start_point(problem), context)
         step = best_step(problem, proposals, context) if proposals else None
@@ -465,7 +465,7 @@ def moving(run: FitData, rows: Rows) -> float:
 Mask = NDArray[np.bool_]
 ORDERS = (3, 4, 5)  # of differences: white noise has the same size by all of them, what moves has not
 SCATTER = 2.0  # times 1/samples: the variance of the log of a scale by differences of these orders
-MOST_STDS = 3.0  # by which two estimates of one number differ
+MAX_STDS = 3.0  # by which two estimates of one number differ
 NEIGHBOURS = 8  # of a sample, half of them on either side, that tell where it should be
 STANDS_OUT = 2.0  # times its size: what a single sample adds to differences of third order (1, 3, 3, 1), noise against it
 MAD = 1.4826  # standard deviation of normal noise over its median absolute deviation
@@ -602,7 +602,7 @@ def grouped(sizes: Mapping[str, tuple[float, int]]) -> list[Fault]:
     found = list[tuple[list[str], float, int]]()
     for name, (size, count) in sizes.items():
         for k, (names, other, behind) in enumerate(found):
-            if abs(log(size / other)) < MOST_STDS * sqrt(SCATTER * (1.0 / count + 1.0 / behind)):
+            if abs(log(size / other)) < MAX_STDS * sqrt(SCATTER * (1.0 / count + 1.0 / behind)):
                 mean = (count * size + behind * other) / (count + behind)
                 found[k] = ([*names, name], mean, count + behind)
                 break
