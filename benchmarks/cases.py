@@ -7,9 +7,11 @@ import hashlib
 import json
 import multiprocessing
 import os
+import signal
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from itertools import islice
 from math import inf
 from pathlib import Path
@@ -62,31 +64,47 @@ def kept(file: Path) -> list[Result]:
 def solved(cases: Iterable[Case], solve: Solve, asked: argparse.Namespace, line_of: Callable[[Result], str]) -> list[Result]:
     """All results in the file, after solving what is missing as long as there is time; `line_of` says how one went.
 
-    Ctrl-C ends that: cases that are not finished are given up, and the results are those so far.
+    Ctrl-C ends that: cases that are not finished are given up, and the results are those so far. It is noted here only:
+    a KeyboardInterrupt would leave the pool's code anywhere, with locks held that its threads then wait for.
     """
     done, end = kept(asked.file), time.monotonic() + 60.0 * asked.minutes
     known = {key(case['case']) for case in done}
     missing = (case for case in cases if key(case) not in known)
     threads = max(1, (os.cpu_count() or 1) // asked.at_once)
-    with ProcessPoolExecutor(asked.at_once, multiprocessing.get_context('spawn')) as pool:
+    with interrupts_noted() as interrupts, pool_of_processes(asked.at_once) as pool:
         waiting: set[Future[Result]] = set()
-        try:
-            while True:
-                if time.monotonic() < end:
-                    free = asked.at_once - len(waiting)
-                    waiting |= {pool.submit(one_case, solve, case, threads) for case in islice(missing, free)}
-                if not waiting:
-                    return done
-                ready, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-                for case in ready:
-                    done.append(case.result())
-                    with asked.file.open('a') as file:
-                        file.write(json.dumps(done[-1]) + '\n')
-                    print(line_of(done[-1]) if 'failed' not in done[-1] else done[-1], flush=True)
-        except KeyboardInterrupt:
-            for process in multiprocessing.active_children():
-                process.terminate()
-            return done
+        while not interrupts:
+            if time.monotonic() < end:
+                free = asked.at_once - len(waiting)
+                waiting |= {pool.submit(one_case, solve, case, threads) for case in islice(missing, free)}
+            if not waiting:
+                return done
+            ready, waiting = wait(waiting, timeout=0.5, return_when=FIRST_COMPLETED)
+            for case in ready if not interrupts else ():
+                done.append(case.result())
+                with asked.file.open('a') as file:
+                    file.write(json.dumps(done[-1]) + '\n')
+                print(line_of(done[-1]) if 'failed' not in done[-1] else done[-1], flush=True)
+        for process in multiprocessing.active_children():
+            process.terminate()
+        return done
+
+
+@contextmanager
+def interrupts_noted() -> Iterator[list[int]]:
+    """The interrupts (Ctrl-C) that came meanwhile, instead of a KeyboardInterrupt."""
+    noted: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, frame: noted.append(number))
+    try:
+        yield noted
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def pool_of_processes(count: int) -> ProcessPoolExecutor:
+    """Processes that leave Ctrl-C, which a terminal sends to all of them, to the one that has started them."""
+    context = multiprocessing.get_context('spawn')
+    return ProcessPoolExecutor(count, context, signal.signal, (signal.SIGINT, signal.SIG_IGN))
 
 
 def one_case(solve: Solve, case: Case, threads: int) -> Result:
