@@ -21,7 +21,7 @@ from sma_sim.ros.entry import model_description
 from sma_sim.ros.graph_check import GraphCheck
 from sma_sim.ros.messages import Messages, stamp_of
 from sma_sim.ros.parameters import follow_live_parameters
-from sma_sim.ros.qos import SAMPLES, make_publisher
+from sma_sim.ros.qos import LAST_FEW, make_publisher
 from sma_sim.ros.robot_subscriptions import RobotSubscriptions, Sample, robot_topics, wire_names
 
 POLL_PERIOD = 0.002  # [s] between two looks for samples
@@ -58,7 +58,7 @@ class WireObserver:
             warmed.update(0.01 * k, None, {structure.channels[0]: 0.0})
         self._fresh()
         topics = estimated_topics(structure.wires)
-        self._topics = {name: make_publisher(node, kind, name, SAMPLES) for name, kind in topics.items()}
+        self._topics = {name: make_publisher(node, kind, name, LAST_FEW) for name, kind in topics.items()}
         self._diagnostics = Diagnostics(node, 'observer of the wires')
         self._graph_check = GraphCheck(node, list(topics), robot_topics(structure))
         self._robot = RobotSubscriptions(node, config, config.parameters['observer.latency'])

@@ -24,7 +24,7 @@ from sma_sim.model.structures.structure import Structure
 from sma_sim.ros.graph_check import type_name
 from sma_sim.ros.markers import frame_of, picture_of
 from sma_sim.ros.messages import Messages, stamp_of
-from sma_sim.ros.qos import LAST_FEW, LATEST, SAMPLES, as_metadata, make_publisher
+from sma_sim.ros.qos import LAST_FEW, LATEST, as_metadata, make_publisher
 from sma_sim.ros.recorder import RecordedTopic, Recorder
 from sma_sim.ros.robot_frames import frame_prefix
 from sma_sim.ros.stamped import SUFFIX, variants_of
@@ -81,7 +81,7 @@ class Publishers:
         self._variants = variants_of(structure, resistances)
         kinds |= {name + SUFFIX: variant.kind for name, variant in self._variants.items() if self._stamps}
         self._publishers = {
-            name: make_publisher(node, kind, name, LATEST if name.removesuffix(SUFFIX) in changes else SAMPLES)
+            name: make_publisher(node, kind, name, LATEST if name.removesuffix(SUFFIX) in changes else LAST_FEW)
             for name, kind in kinds.items()
         }
         self._numbers = {name: number for number, name in enumerate(kinds)}

@@ -13,7 +13,6 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from sma_sim.model.parameter_yaml import POLICIES, QOS_OVERRIDES, check_override
 
 LAST_FEW = QoSProfile(depth=10)
-SAMPLES = QoSProfile(depth=100)  # sent again to a listener that stood still: its socket holds a quarter of a second
 LATEST = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # kept for late subscribers
 GIVEN = 'given to the node'  # not in a file
 OVERRIDABLE = QoSOverridingOptions([QoSPolicyKind[policy.upper()] for policy in POLICIES])
