@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import cache
 from itertools import count, islice
@@ -149,6 +150,7 @@ def _native(effect: Effect, one: OneKernel, kinds: KernelTypes, text: str, compi
     namespace: dict[str, Any] = {
         '__name__': __name__,
         'carray': carray,
+        'math': math,
         'State': kinds.state,
         'Constants': kinds.constants,
         'Parameters': record('Parameters', parameter_fields(effect)),

@@ -79,6 +79,20 @@ def check_scope(effect: Effect) -> None:
     """Raise EffectError where an effect cannot act in its scope."""
     if effect.scope.shared and not can_share(effect):
         raise EffectError(f'effect {effect.name!r}: wires can share states of wire_heat that begin at zero')
+    field = effect.scope.field
+    if field and field not in fields_read(effect.kernel):
+        known = ', '.join(sorted(fields_read(effect.kernel)))
+        raise EffectError(
+            f'effect {effect.name!r}: another form needs a field that its law depends on ({known}), not {field}'
+        )
+
+
+def form_fields(effect: Effect) -> tuple[str, ...]:
+    """The fields of which the law of an effect may be another function: of those that a form can have, what its kernel
+    reads."""
+    read = fields_read(effect.kernel)
+    fields = dict.fromkeys(scope.field for scope in effect.forms)
+    return tuple(field for field in fields if read != EVERY_FIELD and field in read)
 
 
 def _read_through(function: Any, position: int, visited: Visited) -> frozenset[str]:

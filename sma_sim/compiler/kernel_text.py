@@ -6,11 +6,12 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from sma_sim.model.effects.effect import Effect
-from sma_sim.model.effects.ports import CHANNELS, S_CHANNEL, S_J, S_POSE, S_WIRE
-from sma_sim.model.effects.scope import MASK_COORDINATE, MASK_SIZE, MASK_WIRE
+from sma_sim.model.effects.ports import CHANNELS, S_CHANNEL, S_J, S_POSE, S_T, S_T_E, S_WIRE
+from sma_sim.model.effects.scope import FORM_PORTS, MASK_COORDINATE, MASK_FIELD, MASK_SIZE, MASK_WIRE
 from sma_sim.model.structures.structure import Structure
 
 FUNCTIONS = ('stiffness', 'gravity')  # of a structure, that kernels take
+FORM_SIZE = 3  # parameters of another form, behind the mask
 OWN = 'own'  # what kernels call the parameter of their channel
 
 
@@ -74,7 +75,7 @@ def wrapper_text(effect: Effect, one: OneKernel, kinds: KernelTypes, is_tuple: b
     groups.append(('p', 'Parameters', count))
     if memory:
         groups.append(('m', 'Memory', len(effect.states)))
-    sizes = {letter: size for letter, _, size in groups} | {'p': count + MASK_SIZE}
+    sizes = {letter: size for letter, _, size in groups} | {'p': count + MASK_SIZE + FORM_SIZE}
     lines = [f'def {effect.name}_{role}(s, w, p, m, out):', f'    out_ = carray(out, {max(outputs, 1)})']
     lines += [f'    {letter}_ = carray({letter}, {sizes[letter]})' for letter, _, _ in groups]
     lines += elsewhere_lines(effect, role, outputs)
@@ -87,9 +88,24 @@ def wrapper_text(effect: Effect, one: OneKernel, kinds: KernelTypes, is_tuple: b
     lines += [f'    {letter}__ = {kind}({", ".join(entries[letter])})' for letter, kind, _ in groups]
     lines.append(f'    result = kernel({", ".join(f"{letter}__" for letter, _, _ in groups)})')
     values = [f'result[{i}]' for i in range(outputs)] if is_tuple else ['result'] + ['0.0'] * (outputs - 1)
+    if effect.port in FORM_PORTS[:-1] and role == 'value':
+        lines += form_lines(count, f's_[int(f)] - (s_[{S_T_E}] if f == {S_T}.0 else 0.0)')
+        values = [value if value == '0.0' else f'{value} * g' for value in values]
     if effect.port == 'structure_force' and role == 'value':
         values = [f'{value} * k_{j}' for j, value in enumerate(values)]
     return '\n'.join([*lines, *(f'    out_[{i}] = {value}' for i, value in enumerate(values))]) + '\n'
+
+
+def form_lines(parameters: int, field: str) -> list[str]:
+    """Lines that find the multiple `g` of a law, 1.0 where it has no other form; `field`: what that depends on."""
+    at = [f'p_[{parameters + MASK_SIZE + k}]' for k in range(FORM_SIZE)]
+    return [
+        f'    f = p_[{parameters + MASK_FIELD}]',
+        '    g = 1.0',
+        '    if f >= 0.0:',
+        f'        h = math.tanh(({field}) / {at[2]})',
+        f'        g = math.exp({at[0]} * h + {at[1]} * h * h)',
+    ]
 
 
 def mask_lines(parameters: int, coordinates: Sequence[int]) -> list[str]:
@@ -129,7 +145,7 @@ def force_text(effect: Effect, one: OneKernel, kinds: KernelTypes, is_tuple: boo
         f'def {effect.name}_{one.role}(s, w, p, m, out):',
         f'    out_ = carray(out, {max(count, 1)})',
         f'    s_, w_ = carray(s, {S_POSE + 2 * n}), carray(w, {constants})',
-        f'    p_, m_ = carray(p, {parameters + MASK_SIZE}), carray(m, {max(1, states * len(acting))})',
+        f'    p_, m_ = carray(p, {parameters + MASK_SIZE + FORM_SIZE}), carray(m, {max(1, states * len(acting))})',
         f'    w__ = Constants({", ".join(f"w_[{i}]" for i in range(constants))})',
         f'    p__ = Parameters({", ".join(parameter_entries(effect, kinds.structure).values())})',
         *mask_lines(parameters, range(n)),
@@ -192,7 +208,8 @@ def each_lines(effect: Effect, one: OneKernel, kinds: KernelTypes, is_tuple: boo
         given = [f's_{j}__', 'w__', 'p__', *([f'Memory({memory})'] if one.memory else [])]
         lines += [f'    s_{j}__ = State({wire_fields()}, {", ".join(fields)})', f'    r_{j} = kernel({", ".join(given)})']
         if one.role == 'value':
-            lines.append(f'    out_[{j}] = r_{j} * k_{j}')
+            lines += form_lines(len(effect.parameters), f's_[{S_POSE + j}] if f == {S_POSE}.0 else s_[{S_POSE + n + j}]')
+            lines.append(f'    out_[{j}] = r_{j} * k_{j} * g')
         else:
             lines += [f'    out_[{i * states + k}] = r_{j}{f"[{k}]" if is_tuple else ""}' for k in range(states)]
     return lines

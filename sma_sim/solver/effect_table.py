@@ -11,6 +11,7 @@ import numpy as np
 
 from sma_sim.compiler.effect_kernels import native_effect, own_kernels
 from sma_sim.compiler.fields_read import fields_read
+from sma_sim.compiler.kernel_text import FORM_SIZE
 from sma_sim.model.effects.conversion import like_of, with_parameters
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect
 from sma_sim.model.effects.effect import CHAIN, Effect
@@ -169,8 +170,11 @@ def effect_table(
 
 
 def with_mask(active: ActiveEffect) -> tuple[float, ...]:
-    """The parameters of an effect and the mask of its scope, as its kernels read them."""
-    return (*active.values, *active.found.effect.scope.mask)
+    """The parameters of an effect, the mask of its scope, and what another form of its law has, as its kernels read them."""
+    scope, own = active.found.effect.scope, len(active.values)
+    if scope.field:
+        own -= FORM_SIZE
+    return (*active.values[:own], *scope.mask, *active.values[own:])
 
 
 def own_scratch(p: System) -> System:

@@ -17,7 +17,7 @@ from sma_sim.evidence.search.equations import formula_of, has_terms
 from sma_sim.evidence.search.posterior import Posterior
 from sma_sim.evidence.search.steps import CandidateFit, SelectionStep
 from sma_sim.model.config import flat_parameters
-from sma_sim.model.effects.scope import SEPARATOR
+from sma_sim.model.effects.scope import SEPARATOR, law_name
 from sma_sim.words.fit_data import by_run_data, implausible_data
 from sma_sim.words.json_values import finite
 from sma_sim.words.nuisances import nuisance_data
@@ -71,8 +71,14 @@ def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:
 
 
 def probabilities(posterior: Posterior) -> dict[str, Any]:
-    """That nothing is missing, that something is which has no name, and of every effect (in a scope) that it is there."""
-    return {'none': posterior.none, 'unlisted': posterior.unlisted, 'effects': dict(posterior.effects)}
+    """That nothing is missing, that something is which has no name, and of every effect (in a scope) that it is there, in
+    whatever form."""
+    effects: dict[str, float] = {}
+    for name, p in posterior.effects.items():
+        law = law_name(name)
+        effects[law] = min(1.0, effects.get(law, 0.0) + p)
+    ordered = dict(sorted(effects.items(), key=lambda item: -item[1]))
+    return {'none': posterior.none, 'unlisted': posterior.unlisted, 'effects': ordered}
 
 
 def models(posterior: Posterior) -> list[dict[str, Any]]:

@@ -16,7 +16,7 @@ from typing import Any
 
 from sma_sim.evidence.search.posterior import EVEN, TIE
 from sma_sim.model.effects.discovery import package_effects
-from sma_sim.model.effects.scope import SEPARATOR
+from sma_sim.model.effects.scope import FORM, SEPARATOR, words_of
 
 NOTHING, UNLISTED = 'nothing missing', 'something that is not listed'
 CERTAIN, MIN_PERCENT = 0.999, 0.01  # above it no digits, below it a ratio
@@ -50,8 +50,10 @@ def effect_words(name: str) -> str:
     plain, _, scope = name.partition(SEPARATOR)
     known = package_effects().get(plain)
     phrase = known.effect.phrase if known else plain.replace('_', ' ')
-    place = re.sub(r'^wire_(\d+)$', r'wire \1', scope)
-    return phrase + ('' if not scope else ', shared by the wires' if scope == 'shared' else f', in {place} only')
+    scope, _, field = scope.partition(FORM)
+    place = re.sub(r'^wire_(\d+)_?$', r'wire \1', scope).rstrip('_')
+    words = '' if not scope else ', shared by the wires' if scope == 'shared' else f', in {place} only'
+    return phrase + words + (f', as another function of {words_of(field)}' if field else '')
 
 
 def model_words(model: Mapping[str, Any]) -> str:

@@ -1,20 +1,27 @@
 """Variants of effects: which there are, and that one is found and named."""
 
+import math
+from threading import Event
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from simulated_data import config, dataset
 
-from sma_sim import find_effects
+from sma_sim import Effect, Parameter, find_effects
 from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.estimation.calibrate import FitOptions
+from sma_sim.evidence.estimation.executors import executor_or_threads
+from sma_sim.evidence.estimation.prepared_fit import prepare
+from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import candidates_for, with_effect
-from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
+from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fits
 from sma_sim.evidence.model_selection.variants import scopes_of, variants_of
 from sma_sim.evidence.search import confounding
+from sma_sim.evidence.search.beam import search
+from sma_sim.evidence.search.refine import WINDOW
 from sma_sim.model.config import Config, read_config
-from sma_sim.model.effects.discovery import with_scopes
+from sma_sim.model.effects.discovery import FoundEffect, with_scopes
 from sma_sim.model.parameter_file import parameter_file
 from sma_sim.words.diagnosis_data import as_data
 from sma_sim.words.diagnosis_text import as_text
@@ -74,3 +81,22 @@ def test_the_listed_effect_with_the_most_similar_signature(monkeypatch):
     similar = confounding.most_similar('formula', first, None)
     assert similar.effect.name == 'gravity' and similar.cosine == pytest.approx(1.0)
     assert confounding.most_similar('formula', SimpleNamespace(base='base', candidate_fits=[]), None) is None
+
+
+def test_friction_that_builds_up_in_another_way_is_the_listed_one_in_another_form():
+    """Of friction mu F v/sqrt(v^2 + v_s^2), the same in both directions, the listed law, F (exp(mu tanh(v/v_s)) - 1), leaves
+    more than noise does; as another function of the speed it leaves nothing."""
+    hidden = Effect(
+        'rubbing', 'wire_force', '', '', (Parameter('mu', 0.15, '-', (0.0, 1.0), ''),),
+        lambda s, w, p: s.F * p.mu * s.v / math.sqrt(s.v**2 + 4e-10),
+    )  # fmt: skip
+    truth = FoundEffect(hidden, (), ('sma_sim', __name__.partition('.')[0]))
+    runs = dataset(with_effect(config(), truth, {'mu': 0.15}), [1, 2], noise=1.0, rate=5.0, channels=('alpha', 'U_y'))
+    options = FitOptions(free=('beam.E', 'wire.lambda'), starts=1, intervals=False)
+    with executor_or_threads(None) as pool:
+        context = SearchContext(pool, Event())
+        nominal = nominal_fits(prepare(runs, config(), 'hybrid'), options, context)
+        book = search(nominal, context, equations=False, most=1)
+    listed = book.find(frozenset({'guide_friction'}))
+    assert book.best.names == {'guide_friction@form_v'} and book.best.leaves_nothing
+    assert listed.score(1.0) < book.best.score(1.0) - WINDOW

@@ -1,5 +1,6 @@
 """Effects in one wire, one coordinate or one channel only, and with a state that both wires share."""
 
+import math
 import pickle
 import sys
 from pathlib import Path
@@ -8,11 +9,12 @@ import numpy as np
 import pytest
 from flows import Point, active, make_model
 
-from sma_sim import UserError, find_effects, read_config, simulate
+from sma_sim import Effect, Parameter, UserError, find_effects, read_config, simulate
 from sma_sim.compiler.effect_kernels import native_effect
 from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, with_scopes
 from sma_sim.model.effects.meaning import acts_on
+from sma_sim.model.effects.scope import law_name
 from sma_sim.model.parameter_file import parameter_file
 from sma_sim.model.structures.discovery import package_structures
 from sma_sim.solver.inputs import module_input
@@ -109,9 +111,65 @@ def test_a_sensor_that_lags_in_one_channel():
     assert one['U_y_m'] == pytest.approx(nothing['U_y_m'], abs=1e-8)
 
 
+def own_law(name, port, parameters, kernel, values, **more):
+    """An effect that is written apart, at values."""
+    effect = Effect(name, port, '', '', tuple(Parameter(p, 0.0, '-', (-1e9, 1e9), '') for p in parameters), kernel, **more)
+    return [ActiveEffect(FoundEffect(effect, (), ('sma_sim', __name__.partition('.')[0])), values)]
+
+
+def test_another_form_multiplies_the_law_of_a_wire():
+    """The friction of guides as another function of the speed, in one wire: a kernel that is written out does the same."""
+    form_1, form_2, width = 0.3, -0.4, 2e-4
+    scoped = in_scope('guide_friction@wire_2_form_v', mu=0.2, v_s=1e-4, form_1=form_1, form_2=form_2, form_width=width)
+    written = own_law(
+        'written_friction', 'wire_force', ('mu', 'v_s', 'a', 'b', 'c'),
+        lambda s, w, p: s.wire * s.F * (math.exp(p.mu * math.tanh(s.v / p.v_s)) - 1.0)
+        * math.exp(p.a * math.tanh(s.v / p.c) + p.b * math.tanh(s.v / p.c) ** 2),
+        (0.2, 1e-4, form_1, form_2, width),
+    )  # fmt: skip
+    assert_same([scoped], written, 1e-3)
+
+
+def test_another_form_multiplies_the_law_of_a_joint():
+    scoped = in_scope('joint_friction@form_dq', M_c=0.05, w_s=5e-3, form_1=-0.2, form_2=0.4, form_width=0.01)
+    written = own_law(
+        'written_joint', 'structure_force', ('M', 'w', 'a', 'b', 'c'),
+        lambda s, b, p: (0.0, 0.0, -p.M * math.tanh(s.dalpha / p.w)
+        * math.exp(p.a * math.tanh(s.dalpha / p.c) + p.b * math.tanh(s.dalpha / p.c) ** 2)),
+        (0.05, 5e-3, -0.2, 0.4, 0.01),
+    )  # fmt: skip
+    assert_same([scoped], written, 1e-3)
+
+
+def test_another_form_counts_temperatures_from_the_surroundings():
+    scoped = in_scope('natural_convection@form_T', k=40.0, m=0.25, form_1=0.5, form_2=0.0, form_width=30.0)
+    written = own_law(
+        'written_convection', 'wire_heat', ('k', 'm', 'a', 'c'),
+        lambda s, w, p: -p.k * w.surface * abs(s.T - s.T_E) ** p.m * (s.T - s.T_E)
+        * math.exp(p.a * math.tanh((s.T - s.T_E) / p.c)),
+        (40.0, 0.25, 0.5, 30.0),
+    )  # fmt: skip
+    assert_same([scoped], written, 1e-3)
+
+
+@pytest.mark.parametrize('name', ['guide_friction@form_v', 'joint_friction@form_dq', 'polycrystal@wire_1_form_x'])
+def test_the_form_that_is_declared_is_the_neutral_one(name):
+    effect = find_effects()[name.partition('@')[0]].effect
+    law = in_scope(law_name(name)) if '@' in law_name(name) else active(effect.name, [p.default for p in effect.parameters])
+    for column, values in shown([in_scope(name)]).columns.items():
+        assert np.array_equal(values, shown([law])[column])
+
+
+def test_a_law_has_other_forms_in_what_it_reads():
+    with pytest.raises(UserError, match='another form needs a field that its law depends on .*v.*, not T'):
+        shown([in_scope('guide_friction@form_T')])
+    with pytest.raises(UserError, match='unknown scope .form_u.'):
+        read_config(effects=['guide_friction@form_u'])
+
+
 def test_scopes_compile_nothing():
     found = find_effects()['natural_convection']
-    for scope in found.effect.scopes:
+    for scope in (*found.effect.scopes, found.effect.scopes[0].of('T')):
         assert native_effect(found.in_scope(scope)) is native_effect(found)
 
 
@@ -124,7 +182,7 @@ def test_a_state_that_begins_in_the_wire_is_not_shared():
 
 
 def test_a_scope_survives_its_parameter_file(tmp_path):
-    config = read_config(effects=['natural_convection@wire_1:k=30', 'gravity', 'beam_creep@rotation:phi=0.3,tau=9'])
+    config = read_config(effects=['natural_convection@wire_1:k=30', 'gravity', 'guide_friction@form_v:mu=0.2,form_2=0.1'])
     file = tmp_path / 'robot.yaml'
     file.write_text(parameter_file(config))
     again = read_config(file)

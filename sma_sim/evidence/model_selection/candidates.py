@@ -59,9 +59,11 @@ def candidate_of(found: FoundEffect, every_shape: bool = False) -> Candidate:
     return candidate_at(found, every_combination(shapes) if every_shape else shape_grid(shapes))
 
 
-def candidate_at(found: FoundEffect, shapes: Iterable[Mapping[str, float]]) -> Candidate:
-    """The probes of one effect, a family for each set of values of its shapes."""
-    strengths = [p for p in found.effect.parameters if p.neutral is not None]
+def candidate_at(
+    found: FoundEffect, shapes: Iterable[Mapping[str, float]], probed: Iterable[Parameter] | None = None
+) -> Candidate:
+    """The probes of one effect, a family for each set of values of its shapes; of the parameters `probed` (default: all)."""
+    strengths = [p for p in (found.effect.parameters if probed is None else probed) if p.neutral is not None]
     families = [
         tuple(Probe(p.name, float(p.neutral or 0.0), step, shape) for p in strengths for step in steps_of(p))
         for shape in shapes
@@ -130,9 +132,23 @@ def interpolated(low: float, high: float, fraction: float) -> float:
 
 
 def with_effect(config: Config, found: FoundEffect, values: Mapping[str, float]) -> Config:
-    """The configuration with one more active effect: at `values`, its other parameters neutral, or at their defaults."""
-    at = tuple(values.get(p.name, p.default if p.neutral is None else p.neutral) for p in found.effect.parameters)
-    return config.variant(effects=(*config.effects, ActiveEffect(found, at)))
+    """The configuration with one more active effect: at `values`, its other parameters neutral, or at their defaults.
+
+    Of one that is active, with one in another form, what it has already stays as it is.
+    """
+    law = law_of(found, config.effects)
+    known = {} if law is None else {p.name: v for p, v in zip(law.found.effect.parameters, law.values, strict=True)}
+    known |= values
+    at = tuple(known.get(p.name, p.default if p.neutral is None else p.neutral) for p in found.effect.parameters)
+    others = tuple(one for one in config.effects if one is not law)
+    return config.variant(effects=(*others, ActiveEffect(found, at)))
+
+
+def law_of(found: FoundEffect, active: Iterable[ActiveEffect]) -> ActiveEffect | None:
+    """Of active effects the one of which an effect is another form."""
+    if not found.effect.scope.field:
+        return None
+    return next((one for one in active if one.found.effect.plain_name == found.effect.plain_name), None)
 
 
 def is_plausible(found: FoundEffect, values: Mapping[str, float]) -> bool:

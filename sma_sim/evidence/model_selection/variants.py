@@ -1,7 +1,8 @@
 """Variants: the effects of the candidates in one wire, one coordinate or one channel, or with a state that wires share.
 
 They are generated, with the kernels of the effects themselves. What an effect can do by its own parameters is no variant:
-one whose kernel tells the wires or channels apart, or that has a parameter of its own for a coordinate.
+one whose kernel tells the wires or channels apart, or that has a parameter of its own for a coordinate. Other forms of a
+law are proposed where a model that has it leaves something.
 """
 
 from __future__ import annotations
@@ -14,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.compiler.fields_read import can_share, fields_read
-from sma_sim.evidence.model_selection.candidates import Candidate, candidate_of
+from sma_sim.compiler.fields_read import can_share, fields_read, form_fields
+from sma_sim.evidence.model_selection.candidates import Candidate, candidate_at, candidate_of, shape_grid
 from sma_sim.model.effects.discovery import FoundEffect
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.meaning import POSE, acting_coordinates
@@ -88,6 +89,16 @@ def forces_by_parameter(effect: Effect, mask: tuple[float, ...]) -> Mapping[str,
 
     without = forces(neutral)
     return {name: forces({**neutral, name: value}) != without for name, value in strengths(effect)}
+
+
+def forms_of(found: FoundEffect) -> tuple[Candidate, ...]:
+    """The other forms of the law of an active effect, each probed beside it as it is; none of one in another form."""
+    effect, made = found.effect, list[Candidate]()
+    for field in form_fields(effect):
+        other = found.in_scope(effect.scope.of(field))
+        own = other.effect.parameters[len(effect.parameters) :]
+        made.append(candidate_at(other, shape_grid([p for p in own if p.neutral is None]), own))
+    return tuple(made)
 
 
 def strengths(effect: Effect) -> Iterator[tuple[str, float]]:

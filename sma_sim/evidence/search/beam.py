@@ -31,6 +31,7 @@ EQUATIONS_AFTER = 2  # components: one listed effect that leaves nothing needs n
 EXCHANGE_SHARE = 0.5  # of what that one promises, which they must: to first order neither is exact
 DIFFERENCES = 2  # between recordings that are fitted beside a model, without a sketch: their promises are nearly exact
 SKETCHED_TERMS = 2 * SKETCHED  # of equations: of ten times as many as there are effects, neighbours are alike
+FORMS = 3  # of the laws of a model that are fitted
 ROUNDS = 3  # of exchanges, each from where the last has led
 
 
@@ -253,6 +254,7 @@ def improve(size: int, book: Book, context: SearchContext) -> None:
             return
         for component in best.components:
             (exchange_difference if component.is_difference else exchange)(best, component, book, context)
+        try_forms(best, book, context)
         if context.stop.is_set() or book.ranked(size)[0] is best:
             return
 
@@ -277,6 +279,14 @@ def exchange(best: Model, component: Component, book: Book, context: SearchConte
         if one.promise >= EXCHANGE_SHARE * own and base.names | {one.component.name} not in near
     ]
     add_extended(base, chosen[:SKETCHED], book, context, restarts=False)
+
+
+def try_forms(model: Model, book: Book, context: SearchContext) -> None:
+    """Models with the law of one of the effects of a model in another form."""
+    if model.leaves_nothing or context.stop.is_set():
+        return
+    for law, form in propose.forms(model, book.catalogue, context)[:FORMS]:
+        add_extended(stripped(model, (law,)), [form], book, context, restarts=False)
 
 
 def exchange_difference(best: Model, component: Component, book: Book, context: SearchContext) -> None:

@@ -100,6 +100,14 @@ class Catalogue:
         share = log(max(1, scopes)) if candidate.found.effect.scope.name else 0.0
         return -SPARSITY - log(len(self.effects)) - share
 
+    def form(self, screened: ScreeningResult, law: Component, forms: int, fit: FitResult) -> Component:
+        """Another form of the law of a component, one of so many `forms`, from its fitted values; no list has it."""
+        found = screened.candidate.found
+        own = {p.name: float(p.neutral) for p in found.effect.parameters if p.neutral is not None}
+        values = own | fit.values_of(law.effect) | dict(screened.values)
+        log_prior = -SPARSITY - UNLISTED - log(len(self.effects)) - log(forms)
+        return Component(found.effect.name, log_prior, replace(screened, values=values))
+
     def component(self, screened: ScreeningResult) -> Component:
         """A candidate with the values that a score test has found; all its parameters are fitted, whatever that has seen."""
         parameters = screened.candidate.found.effect.parameters

@@ -148,11 +148,13 @@ def with_scopes(found: Mapping[str, FoundEffect], names: Iterable[str]) -> dict[
     for name in names:
         plain, separator, scope = name.partition(SEPARATOR)
         if separator and plain in found:
-            scopes = {one.name: one for one in found[plain].effect.scopes}
-            if scope not in scopes:
+            effect = found[plain].effect
+            scopes = {one.name: one for one in effect.scopes}
+            known = scopes | {one.name: one for one in effect.forms}
+            if scope not in known:
                 raise EffectError(
                     f'unknown scope {scope!r} of effect {plain} ({name}): expected one of {", ".join(scopes)}, '
                     f'such as {plain}{SEPARATOR}{next(iter(scopes))}'
                 )
-            every[name] = found[plain].in_scope(scopes[scope])
+            every[name] = found[plain].in_scope(known[scope])
     return every

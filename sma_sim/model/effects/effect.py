@@ -7,7 +7,16 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 from sma_sim.model.effects.ports import CHANNELS, PORT_NAMES
-from sma_sim.model.effects.scope import EVERYWHERE, SEPARATOR, Scope, scopes_at
+from sma_sim.model.effects.scope import (
+    EVERYWHERE,
+    FORM_FIELDS,
+    FORM_PORTS,
+    OWN_COORDINATE,
+    SEPARATOR,
+    Scope,
+    form_parameters,
+    scopes_at,
+)
 from sma_sim.model.errors import UserError
 from sma_sim.model.expected import expect
 from sma_sim.model.nearest import suggestion
@@ -264,14 +273,29 @@ class Effect:
         """The parts of its places in which it can act alone."""
         return scopes_at(self.port, self.channels, bool(self.states), self.structure)
 
+    @property
+    def forms(self) -> tuple[Scope, ...]:
+        """The other forms that its law may have, everywhere and in each of its scopes: as functions of what its kernel may
+        read. Laws that have parameters of their own for bundles, and those of all coordinates at once, have none."""
+        at_once = {'stiffness', 'gravity'} & {*self.needs} or not self.needs
+        if self.port not in FORM_PORTS or self.each_bundle or self.in_space or (self.port == FORM_PORTS[-1] and at_once):
+            return ()
+        every = OWN_COORDINATE if self.needs else FORM_FIELDS
+        fields = [field for field in every if form_parameters(field, self.parameters)]
+        scopes = (self.scope,) if self.scope.name else (EVERYWHERE, *self.scopes)
+        return tuple(scope.of(field) for scope in scopes for field in fields if not (scope.shared or scope.field))
+
     def in_scope(self, scope: Scope) -> Effect:
-        """The same effect in one of its `scopes`."""
+        """The same effect in one of its `scopes`, or `forms`; one in a scope in another form there."""
+        own = form_parameters(scope.field, self.parameters) if scope.field else ()
+        words = scope.words.removeprefix(f'{self.scope.words}, ')
         return replace(
             self,
-            name=f'{self.name}{SEPARATOR}{scope.name}',
+            name=f'{self.plain_name}{SEPARATOR}{scope.name}',
             scope=scope,
-            title=f'{self.phrase}, {scope.words}',
+            title=f'{self.phrase}, {words}',
             channels=(scope.channel,) if scope.channel else self.channels,
+            parameters=(*self.parameters, *own),
         )
 
     @property
