@@ -279,8 +279,11 @@ def test_an_effect_that_predicts_worse_is_not_found(monkeypatch, held_out, toget
     pooled = conclusion.PooledErrors(together, together, {'run3': -1.2} if rooms else {})
     monkeypatch.setattr(conclusion, 'pooled_refit', lambda *_: pooled)
     monkeypatch.setattr(conclusion, 'errors_in_own_rooms', lambda *_: rooms)
+    errors = rooms or held_out  # without uncertain parameters the density falls with the error
+    monkeypatch.setattr(conclusion, 'log_predictive', lambda stage, *_: -errors[stages.index(stage)])
+    monkeypatch.setattr(conclusion, 'estimated', lambda fit, *_: fit)
     monkeypatch.setattr(conclusion, 'has_terms', lambda _: False)
-    posterior = SimpleNamespace(best=None, unlisted=0.0)
+    posterior = SimpleNamespace(best=None, unlisted=0.0, overdispersion=1.0)
     found = conclusion.conclusion([('nominal', fit), ('added', fit)], posterior, data, None, SearchContext(None, Event()))
     assert found.verdict == verdict and (len(found.stages) > 2) == retracted
 

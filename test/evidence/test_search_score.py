@@ -94,6 +94,14 @@ class LinearProblem:
         return -np.linalg.solve(J.T @ J + k**2 * np.eye(self.size), J.T @ a)
 
 
+def test_held_out_runs_have_the_density_of_what_the_others_predict():
+    """log N(a_2; m, V) with mean and covariance of a_2 given a_1: of joint Gaussians, log p(a) - log p(a_1)."""
+    problem, k = LinearProblem(4), 1.7
+    evidence = problem.evidence(np.random.default_rng(3).normal(size=problem.size))
+    expected = problem.exact_log_evidence(k, range(4)) - problem.exact_log_evidence(k, [0, 2])
+    assert evidence.log_predictive(k, (1, 3)) == pytest.approx(expected, abs=1e-9)
+
+
 @pytest.mark.parametrize('k', [1.0, 3.0])
 @pytest.mark.parametrize('left_out', [None, 1])
 def test_the_score_of_a_linear_model_is_its_log_evidence(k, left_out):

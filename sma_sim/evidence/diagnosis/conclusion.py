@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import isnan, sqrt
+from math import inf, isnan, sqrt
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.train_test_split import pooled
@@ -30,7 +31,7 @@ from sma_sim.evidence.estimation.free_parameters import declared_parameters, fre
 from sma_sim.evidence.estimation.held_out_prediction import RunFit, evaluate_held_out, point_with, pooled_error, run_fits
 from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.prepared_fit import PreparedFit
-from sma_sim.evidence.estimation.problem import cost_at
+from sma_sim.evidence.estimation.problem import Problem, cost_at, linearize
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference, with_differences
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS
@@ -43,9 +44,12 @@ from sma_sim.evidence.search.beam import Book
 from sma_sim.evidence.search.equations import has_terms
 from sma_sim.evidence.search.posterior import EVEN, Posterior
 from sma_sim.evidence.search.refine import Model
+from sma_sim.evidence.search.score import evidence_at
 from sma_sim.model.config import Config
 from sma_sim.model.structures.discovery import known_structures
 from sma_sim.solver.simulate import SimulationError
+
+Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -77,20 +81,25 @@ def conclusion(
     """
     *before, (kind, fit) = path
     last, pooled = as_fitted(fit, context), None
-    stages = [provisional_stage(data, *one, context) for one in before]
+    fits = [estimated(earlier, data, context) for _, earlier in before]
+    stages = [provisional_stage(data, name, one, context) for (name, _), one in zip(before, fits, strict=True)]
     stages.append(final_stage(data, kind, last, context))
     known = data.under(last, context)
     if known.held_out and reaches_beyond_fitted(stages[-1], data.limit):
         pooled = pooled_refit((known.training, known.held_out), last, stages[-1].predicted, options, context, data.limit)
     explained = pooled is not None and pooled.explained(data.limit)
-    best = predicts_best(stages)
-    is_worse = best < len(stages) - 1 and stages[-1].held_out > data.limit
-    if is_worse and pooled is not None and pooled.ambient and known.held_out is not None:
-        context.on_progress('predicting the held-out runs, each with an ambient temperature of its own')
-        pooled = replace(pooled, in_own_rooms=errors_in_own_rooms(stages, known.held_out, context))
-        is_worse = pooled.in_own_rooms[-1] > max(data.limit, min(pooled.in_own_rooms))
+    is_worse, best = False, len(stages) - 1
+    if stages[-1].held_out > data.limit and len(stages) > 1:
+        own_rooms = pooled is not None and bool(pooled.ambient)
+        if pooled is not None and own_rooms and known.held_out is not None:
+            context.on_progress('predicting the held-out runs, each with an ambient temperature of its own')
+            pooled = replace(pooled, in_own_rooms=errors_in_own_rooms(stages, known.held_out, context))
+        k, pairs = posterior.overdispersion, zip(stages, [*fits, last], strict=True)
+        densities = [log_predictive(stage, fit, data, (k, own_rooms), context) for stage, fit in pairs]
+        best = max(range(len(stages)), key=lambda one: (densities[one], one))
+        is_worse = best < len(stages) - 1
     if is_worse and not explained:
-        context.on_progress('the held-out runs are predicted better with fewer components')
+        context.on_progress('the held-out runs are more probable with fewer components')
         last = as_fitted(path[best][1], context)
         stages.append(final_stage(data, 'retracted', last, context))
         return Conclusion('unknown_effect', last, tuple(stages), None)
@@ -106,11 +115,32 @@ def errors_in_own_rooms(stages: Sequence[ModelStage], held_out: Dataset, context
     return tuple(pooled_error(fits)[0] for fits in predicted)
 
 
-def predicts_best(stages: Sequence[ModelStage]) -> int:
-    """The stage that predicts the held-out runs best; the last one without any."""
-    if isnan(stages[-1].held_out):
-        return len(stages) - 1
-    return min(range(len(stages)), key=lambda k: (stages[k].held_out, -k))
+def log_predictive(
+    stage: ModelStage, fit: FitResult, data: StageData, how: tuple[float, bool], context: SearchContext
+) -> float:
+    """The log density of the held-out runs under a model as the others have told it, -inf where it cannot be run: a
+    prediction that is uncertain is less wrong where it errs. `how`: the overdispersion, and whether each run has an ambient
+    temperature of its own."""
+    k, own_rooms = how
+    data = data.under(fit, context)
+    problem, z = with_held_out(stage.calibration, fit, data, stage.predicted)
+    if own_rooms:
+        problem, z = with_difference(problem, z, AMBIENT)
+    try:
+        evidence = evidence_at(problem, z, linearize(problem, z, context.pool), 0.0)
+    except SimulationError:
+        return -inf
+    return evidence.log_predictive(k, range(len(data.training.recordings), len(problem.runs)))
+
+
+def with_held_out(
+    found: Calibration, fit: FitResult, data: StageData, predicted: Sequence[RunFit]
+) -> tuple[Problem, Vector]:
+    """The problem of all runs, those held out behind the others, and where a calibration on the others has put it."""
+    problem = full_problem(pooled(data.training, data.held_out), fit, data.options)
+    values = [*(found.values[free.name] for free in problem.free), *[found.delay][: len(problem.shared) - len(problem.free)]]
+    shared = [unknown.coordinate(value) for unknown, value in zip(problem.shared, values, strict=True)]
+    return problem, point_with(problem, shared, (*found.runs, *predicted))
 
 
 def reaches_beyond_fitted(last: ModelStage, limit: float) -> bool:
@@ -282,15 +312,17 @@ def with_lost_power(dataset: Dataset, side: int, fit: FitResult, context: Search
     return replace(dataset, recordings=tuple(lost if less < error else one for one, lost, error, less in pairs))
 
 
-def provisional_stage(data: StageData, kind: StageKind, fit: FitResult, context: SearchContext) -> ModelStage:
-    """A model as it was fitted in the search; its errors are those of all samples.
+def estimated(fit: FitResult, data: StageData, context: SearchContext) -> FitResult:
+    """A model that is to predict held-out runs, under the priors of a fit as the last one is; as it is without any."""
+    if data.held_out is None or not fit.effects:
+        return fit
+    fit = as_fitted(fit, context)
+    return refit(fit.problem, fit.z, context) or fit
 
-    One that is to predict held-out runs is brought under the priors of a fit, as the last one is.
-    """
+
+def provisional_stage(data: StageData, kind: StageKind, fit: FitResult, context: SearchContext) -> ModelStage:
+    """A model as it was fitted in the search; its errors are those of all samples."""
     data = data.under(fit, context)
-    if data.held_out is not None and fit.effects:
-        fit = as_fitted(fit, context)
-        fit = refit(fit.problem, fit.z, context) or fit
     whole = replace(fit, problem=full_problem(data.training, fit, data.options))
     found = calibration_of(whole, context)
     return ModelStage(kind, fit.effects, found, data.predicted(fit, context))
@@ -314,11 +346,8 @@ def with_ambient_of_held_out(
     known = found.uncertainty
     if known is None or not known.ambient or data.held_out is None or context.stop.is_set():
         return found
-    problem = full_problem(pooled(data.training, data.held_out), fit, data.options)
-    values = [*(found.values[free.name] for free in problem.free), *[found.delay][: len(problem.shared) - len(problem.free)]]
-    shared = [unknown.coordinate(value) for unknown, value in zip(problem.shared, values, strict=True)]
     try:
-        ambient = known_ambient(problem, point_with(problem, shared, (*found.runs, *predicted)), context.pool)
+        ambient = known_ambient(*with_held_out(found, fit, data, predicted), context.pool)
     except SimulationError:
         return found
     return replace(found, uncertainty=replace(known, ambient={**ambient, **known.ambient}))

@@ -13,7 +13,7 @@ Raftery (1995).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from math import log, log1p, pi
 
@@ -69,12 +69,17 @@ class Evidence:
     def score(self, k: float, left_out: int | None = None) -> float:
         """The log posterior under an overdispersion k, up to a constant that all models share; without one run, if any."""
         if (k, left_out) not in self._known:  # asked each time that models are put in order
-            self._known[k, left_out] = self._log_posterior(k, left_out)
+            self._known[k, left_out] = self._log_posterior(k, () if left_out is None else (left_out,))
         return self._known[k, left_out]
 
-    def _log_posterior(self, k: float, left_out: int | None) -> float:
+    def log_predictive(self, k: float, runs: Collection[int]) -> float:
+        """The log density of some runs as the others predict them, with parameters as uncertain as these leave them: the
+        quotient of two integrals, up to a constant of these runs."""
+        return self._log_posterior(k, ()) - self._log_posterior(k, runs)
+
+    def _log_posterior(self, k: float, left_out: Collection[int]) -> float:
         """The integral of the Gaussian about the optimum, as far as it lies within bounds."""
-        weight, kept = 1.0 / k**2, [run for run in range(len(self.parts)) if run != left_out]
+        weight, kept = 1.0 / k**2, [run for run in range(len(self.parts)) if run not in left_out]
         squares, gradient, hessian = self._sums(kept)
         profiled = sum(float(np.log1p(weight * self.profiled[run]).sum()) for run in kept)
         total: Matrix = weight * hessian + np.diag(self.precision)
