@@ -256,6 +256,20 @@ def test_overdispersion_of_correlated_residuals(monkeypatch, rho, size):
     assert dispersion.overdispersion(problem, None, None) == inf
 
 
+def test_instants_without_a_measurement_are_no_samples():
+    """A channel that is measured at every fourth instant of the others has the overdispersion of what was measured, and as
+    much evidence of something smooth."""
+    random, series = np.random.default_rng(2), np.zeros(2000)
+    for k in range(1, series.size):
+        series[k] = 0.9 * series[k - 1] + np.sqrt(1.0 - 0.81) * random.normal()
+    sparse = np.zeros(4 * series.size)
+    sparse[::4] = series
+    alone = dispersion.overdispersion_of_rows([series], series.size)
+    assert alone > 3.0 and dispersion.overdispersion_of_rows([sparse], series.size) == alone
+    runs = [[LinearizedRun(np.zeros(0, dtype=int), row[None, :], np.zeros((0, 1, row.size)))] for row in (series, sparse)]
+    assert unlisted_evidence(runs[0]) == unlisted_evidence(runs[1]) > 100.0
+
+
 def residual_runs(seed, disturbance=0.0):
     """White noise in three channels of two runs, and something smooth in the last channel."""
     random = np.random.default_rng(seed)

@@ -36,8 +36,14 @@ def overdispersion_of_rows(rows: Sequence[Vector], samples: int) -> float:
     """k of series of residuals: their root mean square over so many samples, if above 1, times the root of their longest
     correlation time in samples."""
     squares = sum(float(row @ row) for row in rows)
-    longest = max(map(autocorrelation_time, rows), default=1.0)
+    longest = max((autocorrelation_time(measured(row)) for row in rows if row.any()), default=1.0)
     return sqrt(max(squares / max(samples, 1), 1.0) * max(longest, 1.0))
+
+
+def measured(residuals: Vector) -> Vector:
+    """The residuals of a row where something was measured: where nothing was, as of a channel with a lower rate, they are 0,
+    and would count as samples that the model explains and that part those that it does not."""
+    return residuals[residuals != 0.0]
 
 
 def autocorrelation_time(series: Vector) -> float:

@@ -23,7 +23,7 @@ from scipy.fft import dct
 
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import declared_parameters
-from sma_sim.evidence.estimation.overdispersion import overdispersion_of
+from sma_sim.evidence.estimation.overdispersion import measured, overdispersion_of
 from sma_sim.evidence.estimation.plausibility import realistic_range
 from sma_sim.evidence.estimation.problem import LinearizedRun, NormalEquations, Problem, linearize, normal_equations
 from sma_sim.evidence.estimation.search_context import SearchContext
@@ -201,7 +201,7 @@ def unlisted_evidence(linear: Sequence[LinearizedRun]) -> float:
     factors = []
     for channel in range(channels):
         rows = [run.residuals[channel] for run in linear if channel < len(run.residuals)]
-        spectra = [dct(row, norm='ortho') ** 2 for row in rows if np.any(row)]
+        spectra = [dct(measured(row), norm='ortho') ** 2 for row in rows if np.any(row)]
         if spectra:
             by_prior = [sum(log_factor(power, a, period) for power in spectra) for a in AMPLITUDES for period in PERIODS]
             factors.append(log_mean(by_prior))
