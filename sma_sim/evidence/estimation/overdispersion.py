@@ -43,7 +43,8 @@ def overdispersion_of_rows(rows: Sequence[Vector], samples: int) -> float:
 def measured(residuals: Vector) -> Vector:
     """The residuals of a row where something was measured: where nothing was, as of a channel with a lower rate, they are 0,
     and would count as samples that the model explains and that part those that it does not."""
-    return residuals[residuals != 0.0]
+    found: Vector = residuals[residuals != 0.0]
+    return found
 
 
 def autocorrelation_time(series: Vector) -> float:
