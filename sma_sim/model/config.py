@@ -234,7 +234,7 @@ class Config(Comparable):
     @property
     def values(self) -> dict[str, float]:
         """The values of all parameters by full name, those of effects too."""
-        return dict(self.parameters) | {name: value for active in self.effects for name, value in active.by_name.items()}
+        return dict(self.parameters) | values_of(self.effects)
 
     @property
     def simulated_kinetics(self) -> str:
@@ -281,8 +281,13 @@ class Config(Comparable):
             [n for n in self.covariance.names if n in kept or n.startswith('effects.')]
         )
         own_structure = None if self.own_structure is None else found
+        declared, given = fitted_parameters(other, effects), kept | values_of(effects)
+        moved = {n: v for n, v in given.items() if n in declared}
+        inside = {n: min(max(v, declared[n].bounds[0]), declared[n].bounds[1]) for n, v in moved.items()}
+        kept |= {n: v for n, v in inside.items() if n in kept}
+        effects = tuple(active.with_values(inside) for active in effects)
         made = Config(kept, other.family, self.kinetics, effects, settings, own_structure, priors)
-        return made.with_covariance(known)
+        return made.variant(moved).with_covariance(known)  # unchecked: derivatives are taken across bounds
 
     def __repr__(self) -> str:
         defaults = self.structure.structure.default_values
@@ -291,6 +296,11 @@ class Config(Comparable):
         )
         effects = ', '.join(repr(active.found.effect.name) for active in self.effects)
         return f'Config(system={self.system!r}, kinetics={self.kinetics!r}, effects=[{effects}], {{{changed}}})'
+
+
+def values_of(effects: Iterable[ActiveEffect]) -> dict[str, float]:
+    """The values of all parameters of effects, by full name."""
+    return {name: value for active in effects for name, value in active.by_name.items()}
 
 
 def fitted_parameters(structure: Structure, effects: Iterable[ActiveEffect]) -> dict[str, Parameter]:

@@ -71,8 +71,10 @@ def as_text(diagnosis: Diagnosis) -> Iterator[str]:
     """The verdict for the terminal."""
     yield headline(diagnosis)
     yield from set_up_sentences(diagnosis.set_up)
-    known = {'models': models(diagnosis.posterior), 'probabilities': probabilities(diagnosis.posterior)}
-    yield from probability_lines(known)
+    if not is_uncertain(diagnosis.set_up):
+        yield from probability_lines(
+            {'models': models(diagnosis.posterior), 'probabilities': probabilities(diagnosis.posterior)}
+        )
     yield f'{"normalized RMSE (1: as good as the sensors)":<44} fitted  held out'
     for stage in diagnosis.stages:
         name = ' + '.join(stage.effects) or 'nominal model'

@@ -31,6 +31,34 @@ Delta_X\t0{decimal}05\t0{decimal}05\t
 Time\tPower\tWay\tComment
 """
 CAMPBELL = '"TOA5","bench","CR1000","1234"\n"TIMESTAMP","RECORD","J_W","position_m"\n"TS","RN","W","m"\n"","","Smp","Smp"\n'
+CATMAN = """CATMAN ASCII EXPORT
+Date: 31.07.2026
+Time  1 - default sample rate\tPower\tWay
+SR=20 HZ\tSR=20 HZ\tSR=20 HZ
+SG/none\tVoltage\tVoltage
+CH=0 IO=1\tCH=1 IO=2\tCH=2 IO=3
+[s]\tW\tm
+"""
+KEYSIGHT = """Instrument,34972A,MY49012345
+Channel,Function,Range,Resolution,Gain,Offset,Label
+101,DCV,10,5.5,1,0,Power
+102,DCV,1,5.5,1,0,Way
+Total Channels:,2
+
+Scan,Time,101 (VDC),Alarm 101,102 (VDC),Alarm 102
+"""
+DIADEM = """DIAdem TDM export
+Group;bench 3
+Channel name;Time;Power;Way
+Unit;s;W;m
+Data type;DT_DOUBLE;DT_DOUBLE;DT_DOUBLE
+Length;200;200;200
+"""
+FLUKE = 'Fluke 289,Serial 12345\nSession: Recording 3,,\nReading,Start Time,Average,Description\n'
+
+
+def over_midnight(_, t, p, x):
+    return f'{"23:59" if t < 5 else "00:00"}:{(55 + t) % 60:06.3f},{p},{x:.12f}'
 
 
 def rows(form):
@@ -133,9 +161,181 @@ READ = {  # content, map, what is said
     'newest row first': (PLAIN.partition('\n')[0] + '\n' + '\n'.join(ROWS[::-1]) + '\n', '', 'sorted'),
     'line at the end': (PLAIN + '\nEnd of data\n', '', 'last line is incomplete'),
     'each row twice': (PLAIN.partition('\n')[0] + '\n' + ''.join(2 * f'{row}\n' for row in ROWS), '', 'repeat the time'),
+    'labview without a column of time, its interval in the map': (
+        LABVIEW.format(decimal='.') + rows(lambda _, t, p, x: f'\t{p:.3f}\t{x:.15f}\t'),
+        'time_s: {interval: 0.05}\nJ_W: Power\nposition_m: Way\n',
+        '14 lines above',
+    ),
+    'catman': (
+        CATMAN + rows(lambda _, t, p, x: f'{t:.3f}\t{p}\t{x:.15f}'),
+        'time_s: Time  1 - default sample rate\nJ_W: Power\nposition_m: Way\n',
+        "5 lines above the numbers are no table, among them 'SR=20 HZ SR=20 HZ SR=20 HZ'",
+    ),
+    'keysight benchlink': (
+        KEYSIGHT
+        + rows(
+            lambda k, t, p, x: (
+                f'{k + 1},07/31/2026 21:16:{int(9 + t):02d}:{round(1000 * (t % 1)):03d},{p:+.6E},0,{x:+.12E},0'
+            )
+        ),
+        'time_s: Time\nJ_W: 101 (VDC)\nposition_m: 102 (VDC)\n',
+        'columns not used: Scan, Alarm 101',
+    ),
+    'diadem': (
+        DIADEM + rows(lambda k, t, p, x: f'{k + 1};{t:.3f};{p};{x:.15f}'.replace('.', ',')),
+        FOREIGN,
+        'the row of units is no sample; 4 lines above',
+    ),
+    'units in words': (
+        'Time;Power;Way\nSekunden;Watt;Meter\n' + rows(lambda _, t, p, x: f'{t:.2f};{p};{x:.12f}'),
+        FOREIGN,
+        "among them 'Sekunden Watt Meter'",
+    ),
+    'times of day over midnight': ('Time,Power,Way\n' + rows(over_midnight), FOREIGN, 'starts again after 86400 s'),
+    'a date beside times of day': (
+        'Date,Time,Power,Way\n' + rows(lambda *one: f'2026-07-{31 if one[1] < 5 else 1},{over_midnight(*one)}'),
+        FOREIGN,
+        'columns not used: Date',
+    ),
+    'times of day with halves': (
+        'Time,Power,Way\n'
+        + rows(lambda _, t, p, x: f'{12 if t < 5 else 1}:{"59" if t < 5 else "00"}:{(55 + t) % 60:06.3f} PM,{p},{x:.12f}'),
+        FOREIGN,
+        '',
+    ),
+    'days before months': (
+        'time;J_W;position_m\n'
+        + rows(lambda _, t, p, x: f'31.07.2026 21:16:{9 + t:06.3f};{p};{x:.12f}'.replace('.', ',').replace(',07,', '.07.')),
+        'time_s: time\n',
+        'counted from the first row',
+    ),
+    'months before days': (
+        'time,J_W,position_m\n' + rows(lambda _, t, p, x: f'7/31/2026 21:16:{9 + t:06.3f},{p},{x:.12f}'),
+        'time_s: time\n',
+        'counted from the first row',
+    ),
+    'slashes after the year': (
+        'time,J_W,position_m\n' + rows(lambda _, t, p, x: f'2026/07/31 21:16:{9 + t:06.3f},{p},{x:.12f}'),
+        'time_s: time\n',
+        'counted from the first row',
+    ),
+    'matlab datetime': (
+        'Time,J_W,position_m\n' + rows(lambda _, t, p, x: f'31-Jul-2026 21:16:{9 + t:06.3f},{p},{x:.12f}'),
+        'time_s: Time\n',
+        'counted from the first row',
+    ),
+    'matlab timetable': (
+        'Time,J_W,position_m\n' + rows(lambda _, t, p, x: f'{t:.12g} sec,{p},{x:.12f}'),
+        'time_s: Time\n',
+        '',
+    ),
+    'matlab duration': (
+        'Time,J_W,position_m\n' + rows(lambda _, t, p, x: f'00:00:{t:06.3f},{p},{x:.12f}'),
+        'time_s: Time\n',
+        '',
+    ),
+    'clock set back in autumn': (
+        'Time,Power,Way\n' + rows(lambda k, t, p, x: f'2026-10-25 02:{59 * (t < 5):02d}:{(55 + t) % 60:06.3f},{p},{x:.12f}'),
+        FOREIGN,
+        'the clock is set by an hour',
+    ),
+    'clock set forward in spring': (
+        'Time,Power,Way\n'
+        + rows(lambda k, t, p, x: f'2026-03-29 {"01:59" if t < 5 else "03:00"}:{(55 + t) % 60:06.3f},{p},{x:.12f}'),
+        FOREIGN,
+        'the clock is set by an hour',
+    ),
+    'millis in seconds': (
+        's,J_W,position_m\n' + rows(lambda k, _, p, x: f'{(2**32 - 2000 + 50 * k) % 2**32 / 1000:.3f},{p},{x:.12f}'),
+        'time_s: s\n',
+        'counted on',
+    ),
+    'micros in seconds': (
+        's,J_W,position_m\n' + rows(lambda k, _, p, x: f'{(2**32 - 2000000 + 50000 * k) % 2**32 / 1e6:.6f},{p},{x:.12f}'),
+        'time_s: s\n',
+        'counted on',
+    ),
+    'milliseconds of 16 bit in seconds': (
+        's,J_W,position_m\n' + rows(lambda k, _, p, x: f'{(60000 + 50 * k) % 65536 / 1000:.3f},{p},{x:.12f}'),
+        'time_s: s\n',
+        'starts again after 65.536 s',
+    ),
+    'seconds of the minute': (
+        's,J_W,position_m\n' + rows(lambda _, t, p, x: f'{(55 + t) % 60:.3f},{p},{x:.12f}'),
+        'time_s: s\n',
+        'starts again after 60 s',
+    ),
+    'one time for each channel': (
+        'Time,Power,Time,Way\n' + rows(lambda _, t, p, x: f'{t:.2f},{p},{t:.2f},{x:.12f}'),
+        FOREIGN,
+        '',
+    ),
+    'letters of windows': (
+        'time_s;J_W;position_m;T [°C]\n'.encode('cp1252') + cells(';', end=';20.5').encode(),
+        '',
+        'letters are those of Windows',
+    ),
+    'rows without a time': (
+        'J_W,position_m\n' + rows(lambda _, t, p, x: f'{p},{x:.12f}'),
+        'time_s: {interval: 0.05}\n',
+        '',
+    ),
+    'numbers of rows': (
+        'sample,J_W,position_m\n' + rows(lambda k, _, p, x: f'{k},{p},{x:.12f}'),
+        'time_s: {column: sample, scale: 0.05}\n',
+        '',
+    ),
+    'column on': ('time_s,on,position_m\n' + BODY, 'J_W: {column: "on"}\n', ''),
 }
 
 REFUSED = {  # content, map, what is said
+    'days or months': (
+        'time,J_W,position_m\n' + rows(lambda _, t, p, x: f'07/08/2026 21:16:{9 + t:06.3f},{p},{x:.12f}'),
+        'time_s: time\n',
+        'nobody can tell the day from the month',
+    ),
+    'minutes and seconds': (
+        'time,J_W,position_m\n' + rows(lambda _, t, p, x: f'{int(t // 60):02d}:{t % 60:06.3f},{p},{x:.12f}'),
+        'time_s: time\n',
+        "got '00:00.000'; of dates and times of day 2026-07-31 21:16:09.05 and 21:16:09.05 are read",
+    ),
+    'no time at all': (
+        'Power,Way\n' + rows(lambda _, t, p, x: f'{p},{x:.9f}'),
+        'J_W: Power\nposition_m: Way\n',
+        'if no column holds the time and rows are regular, a map says so: time_s: {interval: SECONDS}',
+    ),
+    'an interval of nothing': (
+        BODY,
+        'time_s: {interval: 0}\n',
+        'time_s: expected {interval: SECONDS} between rows, more than 0',
+    ),
+    'fast counter of 16 bit': (
+        'us,J_W,position_m\n' + rows(lambda k, _, p, x: f'{(60_000 + 50_000 * k) % 65536},{p},{x:.12f}'),
+        'time_s: {column: us, scale: 1.0e-6}\n',
+        'time is a 16-bit counter that starts again every few rows',
+    ),
+    'two times that differ': (
+        'Time,Power,Time,Way\n' + rows(lambda _, t, p, x: f'{t:.2f},{p},{t + 0.01:.2f},{x:.12f}'),
+        FOREIGN,
+        'has column Time more than once, with different cells: rename all but one',
+    ),
+    'switch in words of yaml': (PLAIN.replace('J_W', 'on'), 'J_W: on\n', 'YAML reads on, off, yes and no so; quote it'),
+    'nanoseconds in a foreign column': (
+        't,J_W,position_m\n' + rows(lambda k, _, p, x: f'{1669882837000000000 + 50000000 * k},{p},{x:.9f}'),
+        'time_s: t\n',
+        'time_s: {column: t, scale: 1e-09}',
+    ),
+    'fluke': (
+        FLUKE + rows(lambda k, t, _, x: f'{k + 1},31/07/2026 21:16:{9 + t:06.3f},{x:.6f} V,Interval'),
+        'time_s: Start Time\nposition_m: Average\nJ_W: {value: 0.0}\n',
+        "row 4, column Average: expected a number, got '0.000400 V'; write the number alone",
+    ),
+    'lost bytes of a serial line': (
+        'ms,J_W,position_m\n'
+        + rows(lambda k, _, p, x: f'{1000 + 50 * k},{p}' if k == 77 else f'{1000 + 50 * k},{p},{x:.9f}'),
+        'time_s: {column: ms, scale: 0.001}\n',
+        'row 79, column position_m: expected a number',
+    ),
     'picoscope': (
         'Time,A,B\n(ms),(V),(m)\n\n' + BODY,
         'time_s: Time\nJ_W: A\nposition_m: B\n',
@@ -228,7 +428,7 @@ REFUSED = {  # content, map, what is said
     'labview without a column of time': (
         LABVIEW.format(decimal='.') + rows(lambda _, t, p, x: f'\t{p:.3f}\t{x:.9f}\t'),
         FOREIGN,
-        'column time_s: expected seconds, got no number',
+        'column Time: expected seconds, got no number; if rows are regular, a map says how far apart they are: time_s',
     ),
     'statistics below the table': (PLAIN + 'Mean,0.5,0.001\nMax,2,0.002\n', '', 'or delete a row that is no sample'),
     'remarks below the table': (PLAIN + '\nOperator: A. B.\nMax;0.1\n', '', "expected a number, got 'Operator: A. B.'"),
@@ -251,16 +451,6 @@ REFUSED = {  # content, map, what is said
         'J_W: {column: "Power [W]", scale: 1}; position_m: {column: "Position [mm]", scale: 0.001}',
     ),
     'number of the sample': (PLAIN.replace('time_s', 'sample'), '', 'a map, --map, says which column is which'),
-    'times of day': (
-        'time,J_W,position_m\n' + rows(lambda _, t, p, x: f'23:59:{t:06.3f},{p},{x:.9f}'),
-        'time_s: time\n',
-        'of dates 2026-07-31 21:16:09.05 is read, in one column',
-    ),
-    'days before months': (
-        'time;J_W;position_m\n' + rows(lambda _, t, p, x: f'31.07.2026 21:16:{9 + t:05.2f};{p};{x:.9f}'),
-        'time_s: time\n',
-        'of dates 2026-07-31 21:16:09.05 is read',
-    ),
     'overload of a multimeter': (with_cell('OVLD'), '', 'leave the cell empty where nothing was measured'),
     'decimal commas in quotes': (
         PLAIN.partition('\n')[0] + '\n' + rows(lambda _, t, p, x: f'"{t}","{p}","{x:.9f}"'.replace('.', ',')),
@@ -272,7 +462,6 @@ REFUSED = {  # content, map, what is said
     'old workbook': (b'\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1' + bytes(500), '', 'not a CSV file: it is binary'),
     'json': ('{"time_s":0,"J_W":0,"position_m":0.0004}\n' * COUNT, '', 'it is HTML or JSON; export the table as CSV'),
     'html': ('<html><table><tr><td>time_s</td></tr></table></html>\n', '', 'it is HTML or JSON; export the table as CSV'),
-    'latin-1': (PLAIN.replace('position_m', 'Weg (µm)').encode('latin-1'), '', 'save it with that encoding'),
 }
 
 
@@ -306,3 +495,21 @@ def test_words_for_missing_values(tmp_path, word):
     known = np.isfinite(recording.channels['position'])
     assert np.allclose(recording.time[known], np.delete(TIME, 50))
     assert np.allclose(recording.channels['position'][known], np.delete(POSITION, 50))
+
+
+def test_overload_by_scpi_is_missing(tmp_path):
+    (recording,) = written(tmp_path, with_cell('9.9E+37'), '')
+    assert np.isnan(recording.channels['position'][recording.time == TIME[50]]).all()
+    assert '1 infinite values: taken as missing' in ' '.join(recording.notes)
+
+
+def test_numbers_of_rows_as_times_are_said(tmp_path):
+    content = 'sample,J_W,position_m\n' + rows(lambda k, _, p, x: f'{k},{p},{x:.12f}')
+    (recording,) = written(tmp_path, content, 'time_s: sample\n')
+    assert 'if it numbers the rows, a map says how long one lasts' in ' '.join(recording.notes)
+
+
+def test_sessions_of_a_minute_are_no_clock(tmp_path):
+    times = np.tile(np.arange(0.0, 60.0, 0.5), 2)
+    content = 'time_s,J_W,position_m\n' + ''.join(f'{t},0,{1e-3 * np.sin(t):.9f}\n' for t in times)
+    assert len(written(tmp_path, content, '')) == 2

@@ -26,6 +26,7 @@ from sma_sim.evidence.set_up.check import (
     is_robot,
     isolated,
     outliers,
+    repeats,
     symmetries,
     thinned,
     told_apart,
@@ -177,6 +178,15 @@ def test_a_command_that_belongs_to_another_recording_is_named_and_nothing_is_sea
     (sentence,) = set_up_sentences([fault])
     assert (
         sentence == 'Set-up: run1 has the command of run3, not its own. Mend it: give run1 its own command, or leave it out.'
+    )
+
+
+def test_what_repeats_a_recording_has_its_own_command(runs):
+    """However little of either a nominal model explains."""
+    first, _, third = thinned(runs, config('hybrid'), OPTIONS).runs
+    assert repeats(first, first) and not repeats(third, first)
+    assert repeats(first, replace(first, measured=0.6 * first.measured)) and not repeats(
+        first, replace(first, measured=-first.measured)
     )
 
 

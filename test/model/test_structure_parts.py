@@ -376,6 +376,9 @@ def test_a_wire_moves_to_another_bench_with_what_it_is():
     assert under_load.parameters['bench.lag'] == 1e-4 and under_load.parameters['initial.x_M_1'] == 0.0
     assert under_load.effects[0].values[0] == 33.0 and config.on_bench('wire') is config
     assert under_load.effects[0].found.effect.structure.name == 'wire_under_load'
+    assert (
+        config.variant({'effects.natural_convection.m': 1.0 + 1e-7}).on_bench('wire_under_load').effects[0].values[1] > 1.0
+    )
     back = under_load.on_bench('wire')
     assert back.parameters['wire.E_A'] == 1.3e10 and math.isnan(back.parameters['initial.x_M_1'])
 

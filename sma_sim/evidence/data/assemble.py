@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +37,7 @@ from sma_sim.model.structures.discovery import known_structures
 from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.inputs import Input
 
-LARGEST_VALUE = 1e100  # no quantity reaches it in any unit: larger numbers count as infinite
+LARGEST_VALUE = 1e25  # no quantity reaches it in any unit: what is larger is infinite (instruments by SCPI: 9.9e37)
 LATEST_START = 1e6  # [s] a first time beyond it is a date (seconds since 1970), not a time in the run
 MIN_ROWS_WITH_SPIKES, SPIKE_RATIO, MAX_SPIKES = 100, 3.0, 0.02  # rows; beyond what lasts; part of the rows
 MIN_SESSION_SAMPLES = 2  # fewer span no time
@@ -52,7 +52,7 @@ class SourceFile:
     """Which file is read, as which system, and the ambient temperature [K] where it records none.
 
     `stamped` says that the command has stamps of its own, as in a bag; `namespace` whose topics are read from a bag, and
-    `limits` what its robot accepts.
+    `limits` what its robot accepts; `foreign`: by our columns, those of the file that a map names for them.
     """
 
     path: Path
@@ -61,6 +61,11 @@ class SourceFile:
     stamped: bool = False
     namespace: str | None = None
     limits: CommandLimits = NODE_LIMITS
+    foreign: Mapping[str, str] = field(default_factory=dict)
+
+    def column_of(self, name: str) -> str:
+        """How the file itself calls a column of the contract."""
+        return self.foreign.get(name, name)
 
     @property
     def structure(self) -> Structure:
@@ -117,7 +122,10 @@ def drop_rows_without_time(file: SourceFile, columns: dict[str, Vector], notes: 
     if known.all():
         return
     if not known.any():
-        raise UserError(f'{file.path}, column time_s: expected seconds, got no number')
+        raise UserError(
+            f'{file.path}, column {file.column_of("time_s")}: expected seconds, got no number; if rows are regular, a map '
+            f'says how far apart they are: time_s: {{interval: SECONDS}}'
+        )
     notes.append(f'{int((~known).sum())} rows without a time: dropped')
     for name in columns:
         columns[name] = columns[name][known]
@@ -160,7 +168,7 @@ def session_recording(file: SourceFile, name: str, columns: dict[str, Vector], n
     if len(columns['time_s']) < MIN_SESSION_SAMPLES:
         only = columns['time_s'][0]
         raise UserError(f'{file.path}, column time_s: expected times that increase, got {only:g} in every row')
-    check_duration(file.path, columns['time_s'])
+    check_duration(file.path, columns['time_s'], file.column_of('time_s'))
     if abs(columns['time_s'][0]) > LATEST_START:
         notes.append(f'time is counted from the first row, {columns["time_s"][0]:.3f} s')
         changes = changes - columns['time_s'][0]
@@ -227,7 +235,7 @@ def fill_inputs(file: SourceFile, columns: dict[str, Vector], notes: list[str]) 
         first = max(first, unknown)
     drop_rows_before_input(file, columns, first, notes)
     for name in INPUT_COLUMNS[file.system][1:]:
-        check_unit(file.path, name, columns[name])
+        check_unit(file.path, name, columns[name], file.column_of(name))
     for name in file.heating:
         if not file.structure.antagonistic and (columns[name] < 0.0).any():
             notes.append(f'{name}: slightly negative values, {columns[name].min():.3g} W at the least: taken as 0')
@@ -353,7 +361,7 @@ def measured_channels(file: SourceFile, columns: dict[str, Vector], notes: list[
         channels[channel] = values = values[sampled] if not sampled.all() else values
         discard_outliers(name, time, values, 'taken as missing', notes)
         discard_saturated(name, time, values, notes)
-        check_unit(file.path, name, values)
+        check_unit(file.path, name, values, file.column_of(name))
     notes += gap_notes(time, channels) + rate_note(time, channels)
     usual = [channel for channel in CHANNELS_OF[file.system] if not is_resistance(channel)]
     missing = [channel for channel in usual if channel not in channels]

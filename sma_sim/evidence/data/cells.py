@@ -195,7 +195,7 @@ def cure_of(cell: str, name: str) -> str:
     if cell == name:
         return '; the names of the columns again: split the file there'
     if ':' in cell:
-        return '; of dates 2026-07-31 21:16:09.05 is read, in one column'
+        return '; of dates and times of day 2026-07-31 21:16:09.05 and 21:16:09.05 are read'
     if any(sign.isdigit() for sign in cell):
         return '; write the number alone, without a unit or separators of thousands'
     return '; leave the cell empty where nothing was measured, or delete a row that is no sample'

@@ -23,6 +23,7 @@ POSITIVE_KEYS = ENTRY_KEYS[4:]
 TIMES, NANOSEC, WHERE = 'times', 'nanosec', 'where'  # keys of an entry that name other columns
 INDEPENDENT_AFTER, NUISANCES = 'independent_after', 'nuisances'  # keys of the whole map: [s]; effects
 PACE_KEYS = ('path', 'rate')
+INTERVAL = 'interval'  # key of time_s: [s] between rows, where no column holds the time
 TESTS, FILES, BENCH = 'tests', 'files', 'bench'  # keys of a campaign of several kinds of tests
 REST = 1e-3  # [s] between rows of a quasi-static test in which nothing changed
 
@@ -37,7 +38,7 @@ class Origin:
     What is known of a measured column beside the noise of its samples, in its SI unit: its zero differs from recording to
     recording by `zero_std` and drifts by `drift_std` within one, and repeated experiments differ by `floor`. Time of a
     quasi-static test, in which nobody noted it,
-    comes from a column that changed by `pace` per second.
+    comes from a column that changed by `pace` per second; of regular rows without a time, from their `interval` [s].
     """
 
     column: str | None
@@ -45,6 +46,7 @@ class Origin:
     scale: float = 1.0
     offset: float = 0.0
     pace: float | None = None
+    interval: float | None = None
     exponent: float = 1.0
     times: str | None = None
     nanosec: str | None = None
@@ -86,6 +88,11 @@ class ColumnMap:
     files: str = '*'
     bench: Mapping[str, str] = field(default_factory=dict)
     nuisances: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    @property
+    def columns(self) -> frozenset[str]:
+        """Columns of a file that the map names."""
+        return frozenset(name for entry in self.origins.values() for name in (*entry.columns, *dict(entry.where)))
 
     def of_file(self, path: Path) -> ColumnMap:
         """The map of a file: of a campaign, that of the first test whose pattern it matches. Raises UserError."""
@@ -189,6 +196,11 @@ def parsed_origin(path: Path, name: str, entry: Any, names: Sequence[str]) -> Or
     where = f'the map {path}, {name}'
     if name == 'time_s' and isinstance(entry, dict) and 'path' in entry:
         return parsed_pace(where, entry)
+    if name == 'time_s' and isinstance(entry, dict) and INTERVAL in entry:
+        return parsed_interval(where, entry)
+    column = entry.get('column') if isinstance(entry, dict) else entry
+    if isinstance(column, bool):
+        raise UserError(f'{where}: expected the name of a column, got {column}: YAML reads on, off, yes and no so; quote it')
     if not isinstance(entry, dict) or ('column' in entry) == ('value' in entry):
         raise UserError(f'{where}: expected {{column: NAME, scale: 1, offset: 0}} or {{value: 1.0}}, got {entry!r}')
     keys = (*ENTRY_KEYS, TIMES, NANOSEC, WHERE)
@@ -208,8 +220,12 @@ def parsed_origin(path: Path, name: str, entry: Any, names: Sequence[str]) -> Or
         checked_positive(where, key, numbers.get(key, 0.0))
     if 'value' in entry and len(entry) > 1:
         raise UserError(f'{where}: a value is in SI units already, and is not measured; remove what stands beside it')
-    column = str(entry['column']) if 'column' in entry else None
-    origin = Origin(column, times=others.get(TIMES), nanosec=others.get(NANOSEC), where=rows_where(where, entry))
+    origin = Origin(
+        str(column) if 'column' in entry else None,
+        times=others.get(TIMES),
+        nanosec=others.get(NANOSEC),
+        where=rows_where(where, entry),
+    )
     known: dict[str, Any] = {**numbers}
     return replace(origin, **known)
 
@@ -240,6 +256,14 @@ def parsed_pace(where: str, entry: Mapping[str, Any]) -> Origin:
     if set(entry) != set(PACE_KEYS) or pace <= 0.0:
         raise UserError(f'{where}: expected {{path: COLUMN, rate: CHANGE PER SECOND}} with a positive rate, got {entry!r}')
     return Origin(str(entry['path']), pace=pace)
+
+
+def parsed_interval(where: str, entry: Mapping[str, Any]) -> Origin:
+    """Time of regular rows. Raises UserError."""
+    interval = finite_number(where, INTERVAL, entry[INTERVAL])
+    if set(entry) != {INTERVAL} or interval <= 0.0:
+        raise UserError(f'{where}: expected {{{INTERVAL}: SECONDS}} between rows, more than 0, got {entry!r}')
+    return Origin(None, interval=interval)
 
 
 def checked_positive(where: str, key: str, given: Any) -> float:
@@ -278,6 +302,8 @@ def column_origins(path: Path, mapping: ColumnMap, names: Sequence[str], present
 
 def column_in_si(entry: Origin, columns: Mapping[str, Vector], rows: int) -> Vector:
     """The column (rows,) of the contract, in SI units."""
+    if entry.interval is not None:
+        return np.linspace(0.0, entry.interval * (rows - 1), rows)
     if entry.column is None:
         return np.full(rows, entry.value)
     values = columns[entry.column]

@@ -94,8 +94,12 @@ def map_line(name: str, column: str, unit: str) -> str:
     """A line of a map that takes one of our columns from a foreign one in a unit."""
     scale, offset = UNITS[unit_of(name)][unit]
     number = f'scale: {scale:.10g}' if not offset else f'offset: {offset:g}'
-    quoted = column if re.fullmatch(r'[\w%/.-]+', column) else json.dumps(column, ensure_ascii=False)
-    return f'{name}: {{column: {quoted}, {number}}}'
+    return f'{name}: {{column: {in_yaml(column)}, {number}}}'
+
+
+def in_yaml(column: str) -> str:
+    """The name of a column as a map has it."""
+    return column if re.fullmatch(r'[\w%/.-]+', column) else json.dumps(column, ensure_ascii=False)
 
 
 def hint_for_all(names: Sequence[str], header: Sequence[str], own: Collection[str]) -> str:

@@ -141,7 +141,8 @@ def bench_of(system: str, test: ColumnMap) -> str:
 def recordings_in_file(file: SourceFile, mapping: ColumnMap) -> tuple[Recording, ...]:
     """The recordings of one file."""
     columns, notes = read_source(file.path, file.system, mapping, file.namespace, file.limits)
-    file = replace(file, stamped=is_bag(file.path))
+    foreign = {name: entry.column for name, entry in mapping.origins.items() if entry.column is not None}
+    file = replace(file, stamped=is_bag(file.path), foreign=foreign)
     name = file.path.stem if file.path.is_file() else file.path.name
     return recordings_from_columns(file, name, columns, notes)
 

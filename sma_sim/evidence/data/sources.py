@@ -6,7 +6,6 @@ import json
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from datetime import datetime, timedelta, timezone
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,18 +14,29 @@ import numpy as np
 
 from sma_sim.evidence.data.cells import CellLayout, Vector, read_cells, text_blocks
 from sma_sim.evidence.data.column_map import ColumnMap, Origin, column_in_si, column_origins
-from sma_sim.evidence.data.foreign_columns import SPELLINGS, UNITS, declared_unit, hint_for, hint_for_all, map_line, unit_of
+from sma_sim.evidence.data.foreign_columns import (
+    SPELLINGS,
+    UNITS,
+    declared_unit,
+    hint_for,
+    hint_for_all,
+    likely_column,
+    map_line,
+    unit_of,
+)
 from sma_sim.evidence.data.recording import HIDDEN_COLUMN, NEEDED_COLUMNS, OfSystems
 from sma_sim.evidence.data.rosbag.commands import CommandLimits
 from sma_sim.evidence.data.rosbag.raw_messages import is_bag, open_bag
 from sma_sim.evidence.data.rosbag.reader import columns_of_bag
 from sma_sim.evidence.data.table_format import TableFormat, cells_of_line, is_number, table_format
 from sma_sim.evidence.data.tables import MAX_NAMES
+from sma_sim.evidence.data.time_formats import counted_on, reader_of_column, without_clock_change, without_period
 from sma_sim.model.errors import UserError
 from sma_sim.model.shown import listed
 from sma_sim.model.structures.discovery import known_structures
 from sma_sim.model.structures.structure import shared_temperature
 
+REGULAR_ROWS = 'if no column holds the time and rows are regular, a map says so: time_s: {interval: SECONDS}'
 META_FILE = 'meta.json'
 TABLE_SUFFIXES, TEXT_SUFFIXES = ('.csv', '.tsv', '.xlsx'), ('.txt', '.dat')
 COLUMNS_BY_SYSTEM = OfSystems(lambda structure: ('time_s', *structure.input_columns, *structure.channel_columns))
@@ -92,7 +102,7 @@ def read_csv_source(path: Path, system: str, mapping: ColumnMap) -> tuple[Column
     """The columns of a CSV file."""
     if not path.is_dir() and path.exists() and not path.is_file():
         raise UserError(f'{path} is no regular file: expected CSV or a bag')
-    written = table_format(path)
+    written = table_format(path, mapping.columns)
     header = written.header
     check_header(path, header)
     imposed = [drive.column for drive in known_structures()[system].drives]
@@ -103,28 +113,34 @@ def read_csv_source(path: Path, system: str, mapping: ColumnMap) -> tuple[Column
     check_clock(path, header, origins['time_s'])
     check_long_table(path, origins)
     needed = list(dict.fromkeys(column for entry in origins.values() for column in (*entry.columns, *dict(entry.where))))
-    doubled = [name for name in needed if header.count(name) > 1]
-    if doubled:
-        raise UserError(f'{path} has column {doubled[0]} more than once')
     indices = [header.index(name) for name in needed]
     labels = row_labels(path, origins)
     conversions: dict[str, Callable[[str], float]] = {name: partial(label_index, known) for name, known in labels.items()}
     time = origins['time_s'].column
-    if time is not None and has_dates(path, written, header.index(time)):
+    reader = None if time is None else reader_of_column(path, written, header.index(time))
+    if time is not None and reader is not None:
         if origins['time_s'].converts:
             raise UserError(f'{path}, column {time}: dates need no scale; name the column in the map alone: time_s: {time}')
-        conversions[time] = seconds_of_date
-    cells, cut = read_cells(CellLayout(path, needed, indices, written, tolerant=True, conversions=conversions))
+        conversions[time] = reader
+    layout = CellLayout(path, needed, indices, written, tolerant=True, conversions=conversions)
+    cells, cut = read_cells(layout)
+    check_doubled(layout, cells)
     notes = written.notes()
     notes += ['the last line is incomplete (cut, or without a line end): dropped'] if cut else []
     unused = [name for name in header if name and name not in needed and not HIDDEN_COLUMN.fullmatch(name)]
     if unused:
         notes.append(f'columns not used: {listed(unused, MAX_NAMES)}')
-    if time is not None and (bits := unwrap_counter(cells[time])):
-        notes.append(f'the {bits}-bit counter of time starts again at 0: counted on')
+    if time is not None:
+        notes += time_counted_on(path, cells[time], reader is not None)
+        if not origins['time_s'].converts and not likely_column('time_s', [time])[0] and (np.diff(cells[time]) == 1.0).all():
+            notes.append(
+                f'{time} goes on by 1 from row to row, taken as 1 s: if it numbers the rows, a map says how long one lasts'
+            )
     rows = len(next(iter(cells.values())))
     users = [entry.column for entry in origins.values()]
     columns = {name: column_in_si(entry, cells, rows) for name, entry in origins.items()}
+    if (period := without_period(columns['time_s'])) and time is not None:
+        notes.append(f'time starts again after {period:g} s, as a clock without a date or a counter does: counted on')
     for name, entry in origins.items():
         for other, cell in entry.where:
             kept = cells[other] == labels[other].index(plain_label(cell))
@@ -135,6 +151,34 @@ def read_csv_source(path: Path, system: str, mapping: ColumnMap) -> tuple[Column
         if users.count(entry.column) > 1 and columns[name] is cells.get(entry.column or ''):
             columns[name] = columns[name].copy()  # two columns of one origin must not share repairs
     return columns, notes
+
+
+def time_counted_on(path: Path, values: Vector, is_clock: bool) -> list[str]:
+    """Count on in place where the counter or the clock of a file (k,) does not go on, and say so. Raises UserError."""
+    if is_clock:
+        return ['the clock is set by an hour, as in spring or autumn: counted on'] if without_clock_change(values) else []
+    bits = counted_on(path, values)
+    if bits:
+        return [f'the {bits}-bit counter of time starts again at 0: counted on']
+    return []
+
+
+def check_doubled(layout: CellLayout, cells: Mapping[str, Vector]) -> None:
+    """Raise UserError where a file has a column more than once, with other numbers."""
+    header = layout.format.header
+    for name in layout.names:
+        for index in (k for k, other in enumerate(header) if other == name and k != header.index(name)):
+            if not is_column(layout, name, index, cells[name]):
+                raise UserError(f'{layout.path} has column {name} more than once, with different cells: rename all but one')
+
+
+def is_column(layout: CellLayout, name: str, index: int, values: Vector) -> bool:
+    """Whether the column at an index has these values (k,)."""
+    try:
+        (found,) = read_cells(replace(layout, names=[name], indices=[index]))[0].values()
+    except UserError:
+        return False
+    return np.array_equal(found, values, equal_nan=True)
 
 
 def check_header(path: Path, header: Sequence[str]) -> None:
@@ -244,6 +288,7 @@ def check_complete(path: Path, system: str, header: Sequence[str], origins: Mapp
         hint = f' (its first column has no name: write {missing[0]} above it if that is what it holds)'
     columns = listed((name or '(no name)' for name in header), MAX_NAMES)
     hint = hint or ' (a map, --map, says which column is which)'
+    more += f'; {REGULAR_ROWS}' if 'time_s' in missing and not likely_column('time_s', header)[0] else ''
     raise UserError(f'{path} has no column {", ".join(missing)}{hint}{more}; its columns are {columns}')
 
 
@@ -282,54 +327,3 @@ def checked_noise(given: Iterable[tuple[str, Any]], where: str, channels: Sequen
             raise UserError(f'{where}, {name}: expected a positive standard deviation in SI units, got {value!r}')
         checked[names[name.lower()]] = float(value)
     return checked
-
-
-# Times as loggers write them: dates, and counters of 16 and 32 bit that start again.
-DATE = re.compile(r'(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)([.]\d+)?\s*(?:Z|UTC|([-+])(\d\d):?(\d\d))?')
-EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
-BITS = (16, 32)  # of counters: of Arduino's and of PLCs' clocks
-MAX_WRAP_STEPS = 10.0  # usual steps that pass while a counter starts again
-
-
-def seconds_of_date(cell: str) -> float:
-    """Seconds since 1970 of an ISO 8601 date with a time, UTC where it has no zone; NaN for an empty cell.
-
-    Raises ValueError for anything else.
-    """
-    found = DATE.fullmatch(cell.strip())
-    if found is None:
-        if cell.strip().lower() in ('', 'nan'):
-            return float('nan')
-        raise ValueError(cell)
-    day, clock, fraction, sign, hours, minutes = found.groups()
-    when = datetime.fromisoformat(f'{day}T{clock}').replace(tzinfo=timezone.utc)
-    if sign:
-        zone = timedelta(hours=int(hours), minutes=int(minutes))
-        when += -zone if sign == '+' else zone
-    return (when - EPOCH).total_seconds() + float(fraction or 0.0)
-
-
-def has_dates(path: Path, written: TableFormat, index: int) -> bool:
-    """Whether the first cell of a column is a date with a time."""
-    text = next(text_blocks(path, written), ('', True))[0]
-    line = next((one for one in text.split('\n') if one.strip()), '')
-    cells = cells_of_line(line, ',')
-    return index < len(cells) and DATE.fullmatch(cells[index]) is not None
-
-
-def unwrap_counter(values: Vector) -> int:
-    """Count on in place where a counter (k,) starts again at 0; how many bits it has, 0 where none starts again."""
-    rows = np.flatnonzero(np.isfinite(values))
-    known = values[rows]
-    if len(known) < 3 or (known != np.floor(known)).any():
-        return 0
-    steps = np.diff(known)
-    for bits in BITS:
-        counts = 2.0**bits
-        least = 0.0 if known.min() >= 0.0 else -0.5 * counts  # of a counter with a sign
-        back = steps < -0.5 * counts
-        inside = known.min() >= least and known.max() < least + counts
-        if inside and back.any() and (steps[back] + counts <= MAX_WRAP_STEPS * float(np.median(steps))).all():
-            values[rows] = known + counts * np.concatenate([[0.0], np.cumsum(back)])
-            return bits
-    return 0

@@ -5,14 +5,15 @@ from __future__ import annotations
 import csv
 import re
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from io import TextIOWrapper
 from itertools import islice
 from pathlib import Path
 from typing import IO
 
 from sma_sim.evidence.data.foreign_columns import SPELLINGS, UNITS
-from sma_sim.evidence.data.workbook import SUFFIX, open_text
+from sma_sim.evidence.data.workbook import SUFFIX, WINDOWS, open_text
 from sma_sim.model.errors import UserError
 
 MAX_LINE_LENGTH = 1_000_000  # characters; a longer line is no CSV of numbers
@@ -30,6 +31,7 @@ DESCRIPTIONS = {'TS', 'RN', 'Smp', 'Avg'}
 HEAD = 200  # lines in which a table begins: headers of data loggers have up to about a hundred
 SAMPLES = 3  # rows of numbers that make a table
 UNIT_ROWS = 2  # between the names and the numbers at most
+MAX_SAID = 40  # characters of each row between them, where there are others
 # What programs write where a value is missing: that of pandas, and of spreadsheets in German.
 MISSING_CELLS = frozenset(
     [
@@ -47,7 +49,8 @@ MISSING_CELLS = frozenset(
         *(s + '1.#' + w for s in ('', '-') for w in ('ind', 'qnan')),
     ]
 )
-SAMPLE_TEXT = re.compile(r'\d{4}-\d\d-\d\d[T ].*|\d\d?:\d\d:\d\d.*')  # dates and times of day
+DATE_TEXT = r'(?:\d{4}[-/]\d\d[-/]\d\d|\d\d?[./ -](?:\d\d?|[A-Za-z]{3})[./ -]\d{4},?)(?:[T ].*)?'
+SAMPLE_TEXT = re.compile(rf'{DATE_TEXT}|\d\d?:\d\d:\d\d.*|\S+ (?:ms|sec|min|hr)')  # dates, times of day, durations
 THOUSANDS = re.compile(r'[-+]?[1-9]\d{0,2},\d{3}')  # a decimal comma, or a separator of thousands: nobody can tell
 AMBIGUOUS = {  # by sign: what it may be in decimals, and how to write numbers of which everybody can tell
     ',': ('comma', 'expected points in decimals: write them so, and no separators of thousands'),
@@ -59,8 +62,9 @@ AMBIGUOUS = {  # by sign: what it may be in decimals, and how to write numbers o
 class TableFormat:
     """The names in the header, the sign between cells, and how many lines stand before the numbers.
 
-    `units`: by column, what a row of units below the header says, without brackets; `above`: lines above the header, such as
-    those in which a data logger describes itself.
+    `units`: by column, what a row of units below the header says, without brackets; `above`: lines above the numbers that
+    are no table, such as those in which a data logger describes itself; `between`: what those between the names and the
+    numbers say of columns that a map names.
     """
 
     header: Sequence[str]
@@ -70,6 +74,8 @@ class TableFormat:
     has_comments: bool = False
     units: Mapping[str, str] = field(default_factory=dict)
     above: int = 0
+    between: str = ''
+    encoding: str = ''
 
     def notes(self) -> list[str]:
         """What was found that is not plain CSV."""
@@ -81,9 +87,12 @@ class TableFormat:
         if self.units:
             found.append('the row of units is no sample')
         if self.above:
-            found.append(f'{self.above} lines above the names of the columns are no table')
+            passed = f', among them {self.between}' if self.between else ''
+            found.append(f'{self.above} lines above the numbers are no table{passed}')
         if self.has_comments:
             found.append(f'lines that begin with {", ".join(COMMENTS).rstrip()} are comments')
+        if self.encoding == WINDOWS:
+            found.append(f'letters are those of Windows ({WINDOWS})')
         return [f'{"; ".join(found)}: read so'] if found else []
 
     def plain(self, text: str) -> str:
@@ -105,12 +114,16 @@ class TableFormat:
         return cell.translate(str.maketrans(back))
 
 
-def table_format(path: Path) -> TableFormat:
-    """How a table is written. Raises UserError where it has no header, or its commas have two meanings."""
+def table_format(path: Path, wanted: Collection[str] = ()) -> TableFormat:
+    """How a table is written; `wanted`: names of columns that a map says it has.
+
+    Raises UserError where it has no header, or its commas have two meanings.
+    """
     try:
         check_text(path)
         with open_text(path) as file:
-            return format_of_lines(path, file)
+            written = format_of_lines(path, file, frozenset(wanted))
+            return replace(written, encoding=file.encoding) if isinstance(file, TextIOWrapper) else written
     except OSError as error:
         raise UserError(f'cannot read {path}: {error.strerror}') from error
     except UnicodeDecodeError as error:
@@ -127,7 +140,7 @@ def check_text(path: Path) -> None:
         raise UserError(f'{path} is not a CSV file: it is binary; export the table as CSV in UTF-8')
 
 
-def format_of_lines(path: Path, file: IO[str]) -> TableFormat:
+def format_of_lines(path: Path, file: IO[str], wanted: frozenset[str]) -> TableFormat:
     """The format of an open file."""
     head = list(islice(iter(lambda: file.readline(MAX_LINE_LENGTH), ''), HEAD))
     content = [k for k, line in enumerate(head) if is_content(line)]
@@ -135,25 +148,35 @@ def format_of_lines(path: Path, file: IO[str]) -> TableFormat:
         raise UserError(f'{path} is empty: expected a header and at least one row')
     if head[content[0]].lstrip().startswith(('<', '{', '[{')):
         raise UserError(f'{path} is not a CSV file: it is HTML or JSON; export the table as CSV in UTF-8')
-    first = first_of_table(path, [head[k] for k in content])
-    at, below = content[first], [head[k] for k in content[first + 1 : first + 1 + UNIT_ROWS]]
-    separator = separator_of(head[at], below[0] if below else '')
-    header = cells_of_line(head[at], separator)
-    before = at + 1
+    lines = [head[k] for k in content]
+    first = first_of_table(path, lines)
+    separator = separator_of(lines[first], lines[first + 1] if first + 1 < len(lines) else '')
+    header = cells_of_line(lines[first], separator)
+    rows = units_below(header, lines[first + 1 : first + 1 + UNIT_ROWS], separator)
+    passed = first + len(rows)
+    between = ''
+    if not wanted <= set(header) and (named := line_with_names(lines, wanted)):
+        first, passed, separator = named
+        header = cells_of_line(lines[first], separator)
+        below = [cells_of_line(line, separator) for line in lines[first + 1 : passed + 1]]
+        rows = [
+            cells[: len(header)] for cells in below if len(cells) >= len(header) and are_units(chosen(header, cells, wanted))
+        ]
+        between = said_between([chosen(header, cells, wanted) for cells in below if cells not in rows])
+    at, before = content[first], content[passed] + 1
     comments = [line for line in head[:at] if COMMENT_LINE.match(line)]
     commented = cells_of_line(comments[-1].lstrip('#/% \t'), separator) if comments else []
     if all(is_number(cell.replace(',', '.')) for cell in header) and len(commented) == len(header) > 1:
-        header, below, before = commented, [], at  # the header is the last comment
-    rows = units_below(header, below, separator)
+        header, rows, before = commented, [], at  # the header is the last comment
     units = {name: without_brackets(cell) for name, cell in zip(header, rows[0], strict=True)} if rows else {}
-    before = content[first + len(rows)] + 1 if rows else before
     later = any(COMMENT_LINE.match(line) for line in head[at:])
     units = {name: '' if unit in DESCRIPTIONS else unit for name, unit in units.items()}
-    found = TableFormat(header, before, separator, False, bool(comments) or later, units, first)
+    above = passed - len(rows)
+    found = TableFormat(header, before, separator, False, bool(comments) or later, units, above, between)
     if separator == ',':
         return found
     file.seek(0)
-    for _ in range(at):
+    for _ in range(before):
         file.readline(MAX_LINE_LENGTH)
     return replace(found, decimal_comma=has_decimal_commas(path, file, separator))
 
@@ -181,6 +204,30 @@ def first_of_table(path: Path, lines: Sequence[str]) -> int:
                 )
             return k
     return 0
+
+
+def line_with_names(lines: Sequence[str], wanted: frozenset[str]) -> tuple[int, int, str] | None:
+    """Which of the lines with content has all names that are `wanted`, the last line before the numbers, and the separator.
+
+    Between both may be what a logger says of its channels. None where no line has the names.
+    """
+    for k, line in enumerate(lines):
+        separator = next((sign for sign in (*SEPARATORS, ',') if wanted <= set(cells_of_line(line, sign))), '')
+        if separator:
+            width = len(cells_of_line(line, separator))
+            starts = (j for j in range(k + 1, len(lines)) if all_samples(lines[j : j + SAMPLES], width, separator))
+            return k, next(starts, k + 1) - 1, separator
+    return None
+
+
+def chosen(header: Sequence[str], cells: Sequence[str], wanted: frozenset[str]) -> list[str]:
+    """The cells of a row in the columns that are wanted."""
+    return [cell for name, cell in zip(header, cells, strict=False) if name in wanted]
+
+
+def said_between(rows: Sequence[Sequence[str]]) -> str:
+    """What rows between names and numbers say, shortened."""
+    return ', '.join(repr(' '.join(row))[:MAX_SAID] for row in rows if any(row))
 
 
 def all_samples(lines: Sequence[str], width: int, separator: str) -> bool:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sma_sim.evidence.data.cells import Vector
+from sma_sim.evidence.data.foreign_columns import in_yaml
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import KELVIN
 
@@ -132,12 +133,15 @@ def mismatch_of(name: str, values: Vector) -> UnitMismatch | None:
     return None if check is None or len(known) == 0 else check(known)
 
 
-def check_unit(path: Path, name: str, values: Vector) -> None:
-    """Raise UserError where the numbers (k,), NaN where missing, cannot be in the unit that `name` ends with."""
+def check_unit(path: Path, name: str, values: Vector, column: str) -> None:
+    """Raise UserError where the numbers (k,), NaN where missing, cannot be in the unit that `name` ends with.
+
+    `column`: where they come from in the file.
+    """
     if mismatch := mismatch_of(name, values):
         raise UserError(
             f'{path}, column {name}: expected {mismatch.expected}, got {mismatch.number:g}, which looks like '
-            f'{mismatch.looks_like}; a map (--map) can convert: {name}: {{column: {name}, {mismatch.conversion}}}'
+            f'{mismatch.looks_like}; a map (--map) can convert: {name}: {{column: {in_yaml(column)}, {mismatch.conversion}}}'
         )
 
 
@@ -147,7 +151,7 @@ def slow_sampling(time: Vector) -> list[str]:
     return [f'a sample every {step:g} s: is time_s in seconds?'] if step > SLOW_STEP else []
 
 
-def check_duration(path: Path, time: Vector) -> None:
+def check_duration(path: Path, time: Vector, column: str) -> None:
     """Raise UserError where time cannot be in seconds: a run of months or microseconds, a date in the far future."""
     length, first, step = float(time[-1] - time[0]), float(time[0]), float(np.median(np.diff(time)))
     if MIN_DURATION <= length <= MAX_DURATION and first < LATEST_DATE:
@@ -163,5 +167,5 @@ def check_duration(path: Path, time: Vector) -> None:
         )
     raise UserError(
         f'{path}, column time_s: expected seconds, got {got}, which looks like {unit}; a map (--map) can convert: '
-        f'time_s: {{column: time_s, scale: {scale:g}}}'
+        f'time_s: {{column: {in_yaml(column)}, scale: {scale:g}}}'
     )

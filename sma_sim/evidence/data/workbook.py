@@ -1,11 +1,11 @@
-"""Excel workbooks as text of CSV; openpyxl reads them where it is installed."""
+"""Files of tables as text: their encoding, and Excel workbooks as CSV, where openpyxl is installed."""
 
 from __future__ import annotations
 
 import csv
 import io
 import zlib
-from codecs import BOM_UTF16_BE, BOM_UTF16_LE
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE, getincrementaldecoder
 from collections.abc import Iterable
 from datetime import datetime
 from functools import lru_cache
@@ -16,6 +16,8 @@ from zipfile import BadZipFile
 from sma_sim.model.errors import UserError
 
 SUFFIX = '.xlsx'
+WINDOWS = 'cp1252'  # an encoding of western letters, in which loggers write degrees and micrometres
+HEAD_SIZE = 1 << 16  # bytes that tell the encoding
 # What broken workbooks make openpyxl, and the parsers of ZIP and XML below it, stumble over.
 BROKEN = (BadZipFile, zlib.error, OSError, EOFError, NotImplementedError, SyntaxError, LookupError, TypeError, ValueError)
 
@@ -23,10 +25,21 @@ BROKEN = (BadZipFile, zlib.error, OSError, EOFError, NotImplementedError, Syntax
 def open_text(path: Path) -> IO[str]:
     """A table as text: the file itself, or the sheet of a workbook. Raises UserError and OSError."""
     if path.suffix.lower() != SUFFIX:
-        with path.open('rb') as raw:
-            marked = raw.read(2) in (BOM_UTF16_LE, BOM_UTF16_BE)
-        return path.open(encoding='utf-16' if marked else 'utf-8-sig')
+        return path.open(encoding=encoding_of(path))
     return io.StringIO(workbook_text(path, path.stat().st_mtime_ns))
+
+
+def encoding_of(path: Path) -> str:
+    """UTF-16 where a mark says so, UTF-8, or the letters of Windows where the beginning of a file is not UTF-8."""
+    with path.open('rb') as raw:
+        head = raw.read(HEAD_SIZE)
+    if head[:2] in (BOM_UTF16_LE, BOM_UTF16_BE):
+        return 'utf-16'
+    try:
+        getincrementaldecoder('utf-8')().decode(head)
+    except UnicodeDecodeError:
+        return WINDOWS
+    return 'utf-8-sig'
 
 
 @lru_cache(maxsize=1)

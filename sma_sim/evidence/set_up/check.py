@@ -419,8 +419,11 @@ def gain(run: FitData, rows: Rows, other: FitData, of_other: Rows) -> float:
 
 
 def copied_commands(problem: Problem, context: SearchContext) -> list[Fault]:
-    """The recordings whose command another one has too, which the model explains by it, whereas it does not explain them."""
-    pairs = [(a, b) for a, b in permutations(problem.runs, 2) if has_same_command(a.source, b.source)]
+    """The recordings whose command another one has too, which the model explains by it, whereas it does not explain them.
+
+    Not those that show what the other one does: they repeat it.
+    """
+    pairs = [(a, b) for a, b in permutations(problem.runs, 2) if has_same_command(a.source, b.source) and not repeats(a, b)]
     if not pairs:
         return []
     unexplained = are_unexplained(problem, context)
@@ -439,6 +442,19 @@ def has_same_command(source: Input, other: Input) -> bool:
     return all(np.array_equal(own[name], there[name]) for name in source.columns[:-1]) and any(
         own[name].any() for name in source.columns[:-1]
     )
+
+
+def repeats(run: FitData, other: FitData) -> bool:
+    """Whether a run shows what another one does, but for less than half of what moves in it."""
+    rows = np.zeros_like(run.measured)
+    for k, name in enumerate(run.channels):
+        if name in other.channels:
+            at = other.channels.index(name)
+            known = other.weight[at] > 0.0
+            rows[k] = run.weight[k] * (run.measured[k] - np.interp(run.time, other.time[known], other.measured[at][known]))
+        else:
+            rows[k] = run.weight[k] * run.measured[k]
+    return moving(run, rows) < HALF * moving(run, run.measured * run.weight)
 
 
 def are_unexplained(problem: Problem, context: SearchContext) -> dict[str, bool]:
