@@ -135,7 +135,7 @@ def channel_row(kind: str, score: ChannelScore) -> tuple[str, ...]:
         score.channel,
         kind,
         in_display_unit(score.channel, score.rmse),
-        f'{100.0 * score.share:.2f} %',
+        score.share_text,
         f'{score.over_noise:.3f}',
         f'{score.whiteness.p:.2g}' if score.whiteness.p >= 1e-16 else '<1e-16',
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import os
 import re
 import shlex
@@ -40,6 +41,7 @@ VERBS = (
     'compile',
 )
 PACKAGE = 'sma_sim'
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # what a disk says that takes no more
 BROKEN_PIPE = 141  # as a shell says of a program that SIGPIPE ended
 TOO_MUCH = '--hold-out'  # takes every name after it
 
@@ -88,17 +90,23 @@ def main(arguments: list[str] | None = None) -> int:
         name = f'sma-sim {chosen.verb}'
         chosen.command, chosen.started = shlex.join(['sma-sim', *words]), started
         code = int(chosen.run(chosen))
-        sys.stdout.flush()
+        flush_output()
         return code
     except UserError as error:
         print(f'{name}: {error}', file=sys.stderr)
         return 2
     except BrokenPipeError:  # whoever read our output has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        drop_output()
         return BROKEN_PIPE
     except KeyboardInterrupt:
         print(f'{name}: stopped', file=sys.stderr)
         return 130
+    except OSError as error:
+        if error.errno not in FULL:
+            return report_fault(name)
+        drop_output()
+        print(f'{name}: cannot write {error.filename or "the output"}: {error.strerror}', file=sys.stderr)
+        return 2
     except ModuleNotFoundError as error:
         if not isinstance(missing(error, name), UserError):
             return report_fault(name)
@@ -106,6 +114,18 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
     except Exception:
         return report_fault(name)
+
+
+def flush_output() -> None:
+    """Write what was printed; a program may be started without an output (``>&-``)."""
+    if sys.stdout is not None:
+        sys.stdout.flush()
+
+
+def drop_output() -> None:
+    """Print no more: what the interpreter writes at its end would fail again."""
+    if sys.stdout is not None:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def report_fault(name: str) -> int:

@@ -23,6 +23,7 @@ from sma_sim.evidence.estimation.residuals import Nuisance
 from sma_sim.explore.lock import is_locked
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
+from sma_sim.model.files import whole_file
 from sma_sim.words.json_values import write_json
 
 Vector = NDArray[np.float64]
@@ -228,11 +229,9 @@ def job_in(session: Path, number: int) -> Job | None:
 
 def write_curves(path: Path, curves: Mapping[str, Vector]) -> None:
     """Write arrays by name, whole or not at all."""
-    temporary = path.with_name(f'.{path.name}.part')
-    with temporary.open('wb') as file:
+    with whole_file(path) as temporary, temporary.open('wb') as file:
         save: Any = np.savez_compressed  # typed with keywords of newer versions
         save(file, **curves)
-    temporary.replace(path)
 
 
 def new_folder(home: Path) -> tuple[int, Path]:

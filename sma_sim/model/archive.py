@@ -22,6 +22,7 @@ from sma_sim.model.effects.discovery import FoundEffect, found_effect, package_e
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.errors import UserError
 from sma_sim.model.expected import checked
+from sma_sim.model.files import whole_file
 from sma_sim.model.parameters import Parameter
 from sma_sim.model.structures.discovery import FoundStructure, found_structure, package_structures, structure_of_size
 from sma_sim.model.structures.structure import Structure
@@ -45,15 +46,8 @@ def save(result: Any, path: str | Path) -> Path:
     writer = Writer()
     content = {'format': FORMAT, 'result': writer.plain(result), 'objects': writer.objects}
     text = np.frombuffer(json.dumps(content).encode(), dtype=np.uint8)
-    part = target.with_name(f'.{target.name}.part')
-    try:
-        with part.open('wb') as file:
-            np.savez_compressed(file, **(writer.arrays | {CONTENT: text}))
-        part.replace(target)
-    except OSError as error:
-        raise UserError(f'cannot write {target}: {error.strerror}') from error
-    finally:
-        part.unlink(missing_ok=True)
+    with whole_file(target) as temporary, temporary.open('wb') as file:
+        np.savez_compressed(file, **(writer.arrays | {CONTENT: text}))
     return target
 
 

@@ -14,6 +14,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from sma_sim.model.errors import UserError
+from sma_sim.model.files import whole_file
 from sma_sim.report.palette import MODE_COLOURS, MODE_NAMES
 
 Vector = NDArray[np.float64]
@@ -79,14 +80,8 @@ def mode_legend(figure: FigureBase, modes: Iterable[int], place: LegendPosition,
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a PNG or SVG under a temporary name, then rename it. Raises UserError."""
+    """Write a PNG, SVG or PDF, whole or not at all. Raises UserError."""
     if path.suffix.lower() not in ('.png', '.svg', '.pdf'):
         raise UserError(f'{path}: expected a name that ends in .png, .svg or .pdf')
-    temporary = path.with_name(f'.{path.stem}.part{path.suffix}')
-    try:
+    with whole_file(path) as temporary:
         figure.savefig(temporary, dpi=DPI)
-        temporary.replace(path)
-    except OSError as error:
-        raise UserError(f'cannot write {path}: {error.strerror}') from error
-    finally:
-        temporary.unlink(missing_ok=True)

@@ -37,7 +37,7 @@ from sma_sim.ros.command import ENVIRONMENT, Ambient
 from sma_sim.ros.command_session import WARNING, LastMessage, publish_last
 from sma_sim.ros.control import DIAGNOSTICS_PERIOD, Diagnostics
 from sma_sim.ros.graph_check import GraphCheck
-from sma_sim.ros.messages import Messages
+from sma_sim.ros.messages import Messages, seconds_of
 from sma_sim.ros.observer_node import PREFIX, estimated_topics
 from sma_sim.ros.parameters import follow_live_parameters
 from sma_sim.ros.qos import LAST_FEW, make_publisher, make_subscription
@@ -173,9 +173,20 @@ class WireGuard:
             return
         if not self._is_estimated:
             self._estimate, self._is_estimated = self._read(), True
-        # An estimate is as old as its transport when it arrives; the horizon covers that.
-        age, estimate = now - self._heard[COMPLETE][0], self._estimate
-        self._publish(self._guard.limit(asked, estimate, estimate.time + age if estimate else 0.0), now)
+        estimate, at = self._estimate, 0.0
+        if estimate:
+            # An estimate is as old as its transport when it arrives, which half the horizon covers; that of an observer that
+            # is behind is as old as the pose that the robot has shown since tells.
+            joints_at, joints = self._heard['joint_states']
+            shown = seconds_of(joints.header.stamp) + now - joints_at - self._again_after
+            at = max(estimate.time + now - self._heard[COMPLETE][0], shown)
+            if shown > estimate.time + self._silence:
+                behind = (
+                    f'its estimate is {shown + self._again_after - estimate.time:.2f} s older than the pose of the robot'
+                )
+                self._turn_off(f'the observer is behind: {behind} (guard.silence {self._silence:g} s)', now)
+                return
+        self._publish(self._guard.limit(asked, estimate, at), now)
 
     def _turn_off(self, why: str, now: float) -> None:
         off = Decision((0.0,) * len(self._structure.commands), 0.0, why.partition(':')[0].partition(' has ')[0], why)
@@ -213,9 +224,8 @@ class WireGuard:
         T = np.array([message.temperature + ZERO_CELSIUS for message in temperatures])
         (x_M, x_M_std), (stress, stress_std) = (np.reshape(array, (2, wires)) for array in arrays)
         variances = np.concatenate([[message.variance for message in temperatures], x_M_std**2, stress_std**2])
-        stamp = temperatures[0].header.stamp
         return Estimate(
-            stamp.sec + 1e-9 * stamp.nanosec,
+            seconds_of(temperatures[0].header.stamp),
             T,
             x_M,
             stress,

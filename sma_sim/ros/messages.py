@@ -24,6 +24,11 @@ def stamp_of(nanoseconds: int) -> Time:
     return Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
 
 
+def seconds_of(stamp: Time) -> float:
+    """A stamp in seconds."""
+    return float(stamp.sec + 1e-9 * stamp.nanosec)
+
+
 def array_layout(label: str, size: int) -> MultiArrayLayout:
     """`size` numbers (one per wire), labelled with what they are."""
     return MultiArrayLayout(dim=[MultiArrayDimension(label=label, size=size, stride=size)])

@@ -26,6 +26,7 @@ from sma_sim.ros.robot_subscriptions import RobotSubscriptions, Sample, robot_to
 
 POLL_PERIOD = 0.002  # [s] between two looks for samples
 SILENCE = 1.0  # [s] without a sample after which it is said
+MAX_DELAY = 0.02  # [s] by which an estimate may be late before samples are passed over: the guard needs it now
 RESTART_AFTER = 10.0  # [s] by which stamps go back or forth after which the observer starts anew
 INCONSISTENT = 9.0  # squared innovation over its variance, in the mean: the robot is not what the observer takes it for
 PREFIX = 'estimated/'
@@ -63,7 +64,7 @@ class WireObserver:
         self._graph_check = GraphCheck(node, list(topics), robot_topics(structure))
         self._robot = RobotSubscriptions(node, config, config.parameters['observer.latency'])
         self._input = [0.0] * (len(structure.input_columns) - 1)
-        self._samples = self._starts = 0
+        self._samples = self._starts = self._skipped = 0
         follow_live_parameters(node, {ENVIRONMENT: self._robot.apply_T_E}, use_sim_time)
 
     def _fresh(self) -> None:
@@ -83,6 +84,9 @@ class WireObserver:
 
     def _take(self, now: Sample) -> None:
         """Take a sample, which may be older than the one before, and publish the estimate."""
+        if self._robot.waiting and self._robot.delay_of(now) > MAX_DELAY:
+            self._skipped += 1  # commands since the last sample that was taken count for the next one
+            return
         before = self._before
         if before is not None and abs(now.stamp - before.stamp) > RESTART_AFTER * 1e9:
             self._logger.warning(
@@ -149,6 +153,7 @@ class WireObserver:
         values |= {
             'samples': self._samples,
             'samples waiting': self._robot.waiting,
+            'samples passed over': self._skipped,
             'messages that came too late': self._observer.too_late,
             'starts': self._starts,
             'restarts of the model': self._observer.restarts,

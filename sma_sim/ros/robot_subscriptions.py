@@ -127,6 +127,10 @@ class RobotSubscriptions:
         """Samples that arrived and were not yet taken."""
         return len(self._samples)
 
+    def delay_of(self, sample: Sample) -> float:
+        """How much later than its latency a sample is taken now [s]."""
+        return (time.time_ns() - sample.arrival - self._latency) / 1e9
+
     def ready(self) -> Iterator[Sample]:
         """Samples that have waited for the latency, in the order of their arrival."""
         while self._samples and not 0 <= time.time_ns() - self._samples[0].arrival < self._latency:

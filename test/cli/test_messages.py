@@ -2,6 +2,7 @@
 
 import math
 import os
+import subprocess
 import sys
 
 import pytest
@@ -169,6 +170,33 @@ def test_wrong_paths(complaint, tmp_path):
     assert 'is not a CSV file' in complaint(source=binary)
     assert 'cannot write' in complaint(out=tmp_path / 'no' / 'folder.csv')
     assert 'cannot write' in complaint('--jumps', str(tmp_path / 'no' / 'jumps.csv'), out=tmp_path / 'second.csv')
+
+
+def test_what_is_no_file_is_written_to(complaint, step, tmp_path):
+    """To replace /dev/null by a file would break it for every program."""
+    full, pipe, link = tmp_path / 'full.csv', tmp_path / 'pipe.csv', tmp_path / 'link.csv'
+    full.symlink_to('/dev/full')
+    assert 'No space left' in complaint(out=full)
+    assert full.is_symlink()
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    assert main(['simulate', '--input', str(step), '--out', str(pipe)]) == 0
+    assert os.read(reader, 7) == b'time_s,' and pipe.is_fifo()
+    os.close(reader)
+    (tmp_path / 'target.csv').write_text('old')
+    link.symlink_to('target.csv')
+    assert main(['simulate', '--input', str(step), '--out', str(link)]) == 0
+    assert link.is_symlink() and (tmp_path / 'target.csv').read_text().startswith('time_s,')
+
+
+@pytest.mark.parametrize(
+    ('output', 'code', 'words'), [('>&-', 0, ''), ('> /dev/full', 2, 'cannot write the output: No space left on device')]
+)
+def test_an_output_that_takes_nothing(output, code, words):
+    command = f'"{sys.executable}" -m sma_sim.cli.main systems {output}'
+    done = subprocess.run(['bash', '-c', command], capture_output=True, text=True, timeout=300)
+    assert done.returncode == code and words in done.stderr and 'Traceback' not in done.stderr, done.stderr
+    assert bool(done.stderr) == bool(words)
 
 
 def test_full_disk(complaint, step):

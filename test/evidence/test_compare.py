@@ -22,7 +22,7 @@ from sma_sim.evidence.residual_analysis.metrics import channel_score, ljung_box
 from sma_sim.evidence.residual_analysis.paired_comparison import error_changes
 from sma_sim.evidence.residual_analysis.spectrum import BAND_EDGES, error_bands, welch
 from sma_sim.evidence.residual_analysis.strata import band_dimension, dimensions, round_step
-from sma_sim.evidence.residual_analysis.subgroups import Condition, Conditions, find_region, find_regions
+from sma_sim.evidence.residual_analysis.subgroups import Condition, Conditions, find_region, find_regions, trend
 from sma_sim.evidence.residual_analysis.summary import find_error_regions, find_patterns, summarize
 from sma_sim.evidence.residual_analysis.wire_states import RESTING, with_derived_states
 from sma_sim.model.config import Config
@@ -180,6 +180,15 @@ def test_an_error_that_grows_is_said_to_grow(right):
     wrong = with_error(right, 'U_y', lambda run: 2e-4 * (run.states['J_eq_W'] > 0.0) * run.time / run.time[-1])
     told = [region for region in find_error_regions(wrong) if region.channel == 'U_y']
     assert any('grows over the run' in one.text or 'last quarter' in one.text for one in told)
+
+
+def test_an_error_that_begins_late_grows_without_an_overflow():
+    """Draws of blocks that have no early error are infinitely many times larger; those without late ones are zero."""
+    late = np.repeat([False, False, True, True], 5)
+    error, block = np.repeat([0.0, 1.0, 2.0, 2.0], 5), np.repeat(np.arange(4), 5)
+    draws = np.array([[1, 1, 1, 1], [2, 0, 1, 1], [0, 1, 2, 1], [1, 3, 0, 0]])
+    with np.errstate(all='raise'):
+        assert trend(late, ~late, error, block, draws) == (4.0, 0.0, np.inf)
 
 
 def test_evenly_spread_noise_is_no_finding(right):

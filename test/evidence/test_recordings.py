@@ -1,5 +1,6 @@
 """From files to datasets: what is read, under which names, how the command's switching is understood."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -24,6 +25,36 @@ MAPS = ROOT / 'examples' / 'maps'
 SHARED = ROOT.parent / 'shared'
 WIRE = SHARED / 'measured' / 'nitinol_wire' / 'csv'
 needs_shared = pytest.mark.skipif(not (SHARED / 'measured').is_dir(), reason='no measured data here')
+
+
+def early_notes(tmp_path, columns):
+    (recording,) = read_recording(write_recording(tmp_path / 'run.csv', columns), 'module', 298.0)
+    return [note for note in recording.notes if 'earlier ones were not recorded' in note]
+
+
+def test_a_robot_that_moves_before_its_first_command_is_told(tmp_path):
+    """The recorder heard of the controller late: what is not recorded passes for missing physics."""
+    columns = module_columns()
+    assert early_notes(tmp_path, columns) == []
+    first = columns['time_s'][np.argmax(columns['J_eq_W'] != 0.0)]
+    columns['J_eq_W'][columns['time_s'] < first + 1.5] = 0.0
+    (note,) = early_notes(tmp_path, columns)
+    assert 'T_1' in note and f'first command is at {first + 1.5:.6g} s' in note
+    begun = float(re.search(r'in motion from (\S+) s', note)[1])
+    assert first < begun < first + 0.5
+
+
+@pytest.mark.parametrize('shape', ['drifts', 'cools from the first sample on', 'is late by a delay'])
+def test_what_moves_before_a_command_for_another_reason_is_not_told(tmp_path, shape):
+    columns = module_columns()
+    t, first = columns['time_s'], columns['time_s'][np.argmax(columns['J_eq_W'] != 0.0)]
+    if shape == 'drifts':
+        columns['U_y_m'] += 0.05 * np.ptp(columns['U_y_m']) * t / first
+    elif shape == 'cools from the first sample on':
+        columns['T_1_K'] += 60.0 * np.exp(-t / 1.0)
+    else:
+        columns['J_eq_W'] = np.where(t < first + 0.15, 0.0, columns['J_eq_W'])
+    assert early_notes(tmp_path, columns) == []
 
 
 def with_switching_rows(columns, times, values):

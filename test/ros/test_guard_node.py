@@ -17,6 +17,7 @@ from std_msgs.msg import Float64, Float64MultiArray, UInt8MultiArray  # noqa: E4
 from sma_sim import Config  # noqa: E402
 from sma_sim.ros.command import GUARDED_TIMEOUT  # noqa: E402
 from sma_sim.ros.guard_node import POLL_PERIOD, WireGuard  # noqa: E402
+from sma_sim.ros.messages import stamp_of  # noqa: E402
 
 GUARD = 'sma_sim.ros.guard_main'
 TOPICS = ((Float64, 'J_eq'), (DiagnosticArray, '/diagnostics'))
@@ -185,6 +186,22 @@ def test_less_is_let_through_while_the_next_estimate_does_not_come():
                     guard.hear(topic, Float64(data=25.0) if who == 'controller' else message, now)
             allowed.append(guard.look(now).J_eq[0])
         assert all(np.diff(allowed) <= 0.0) and 2.0 < allowed[-1] < 0.6 * allowed[0]
+
+
+@pytest.mark.parametrize(('behind', 'J_eq'), [(0.02, 6.0), (0.15, 6.0), (0.25, 0.0), (10.0, 0.0)])
+def test_an_estimate_of_long_ago_is_none(behind, J_eq):
+    """An observer with too little of a processor publishes all the same, of a time that is over."""
+    with ros_client.listener(ros_client.any_domain()) as node:
+        guard = WireGuard(node, Config({'guard.T_max': 450.0}), False)
+        for k in range(100):
+            now = 100.0 + 0.01 * k
+            for who, said in messages().items():
+                for topic, message in said.items():
+                    if hasattr(message, 'header'):
+                        message.header.stamp = stamp_of(round(1e9 * (now - (behind if who == 'observer' else 0.0))))
+                    guard.hear(topic, message, now)
+            decision = guard.look(now)
+        assert decision.J_eq == (J_eq,) and ('the observer is behind' in decision.reason) == (J_eq == 0.0)
 
 
 class Processes(ros_client.Simulation):

@@ -2,10 +2,12 @@
 
 import subprocess
 import sys
+import time
 
 import pytest
 
 ros_client = pytest.importorskip('ros_client', reason='rclpy is not installed', exc_type=ImportError)
+from builtin_interfaces.msg import Time  # noqa: E402
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
 from sensor_msgs.msg import JointState, Temperature  # noqa: E402
 from std_msgs.msg import Float64, Float64MultiArray, UInt8MultiArray  # noqa: E402
@@ -69,6 +71,23 @@ def test_estimates_follow_a_robot_that_is_heated():
             observer.communicate()
         code, log = one.stop()
         assert code == 0, log
+
+
+def test_samples_are_passed_over_where_they_come_too_fast():
+    """Else the estimate is of a time that is over, and a guard behind it knows nothing of now."""
+    with ros_client.Simulation(topics=TOPICS, module='sma_sim.ros.observer_main') as one:
+        joints = one.publisher(JointState, 'joint_states')
+        one.until(lambda: status(one).message, ros_client.FIRST_MESSAGE)
+        for k in range(1, 2001):
+            message = JointState(name=['U_x', 'U_y', 'alpha'], position=[-5.6e-5, 0.0, 0.0])
+            message.header.stamp = Time(nanosec=100_000 * k)
+            joints.publish(message)
+            time.sleep(1e-4)
+        one.until(lambda: any(stamp(m) == 200_000_000 for m in one.seen['estimated/wire_1/temperature']))
+        one.until(lambda: {v.key: v.value for v in status(one).values}.get('samples passed over', '0') != '0')
+        assert len(one.seen['estimated/wire_1/temperature']) < 2000
+        code, log = one.stop()
+        assert code == 0 and 'Traceback' not in log, log
 
 
 def test_silence_and_foreign_joints_are_said():

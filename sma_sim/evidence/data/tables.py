@@ -16,6 +16,7 @@ from sma_sim.evidence.data.cells import Vector as Vector
 from sma_sim.evidence.data.foreign_columns import hint_for
 from sma_sim.evidence.data.table_format import table_format
 from sma_sim.model.errors import UserError
+from sma_sim.model.files import whole_file
 from sma_sim.model.shown import listed
 
 NUMBER_FORMAT = '%.17g'  # reads back to the same double
@@ -82,19 +83,13 @@ def check_writable(path: Path, read: Iterable[Path] = ()) -> None:
             raise UserError(f'cannot write {path}: it is read as {file}, and would be lost; give another name')
     if path.is_dir():
         raise UserError(f'cannot write {path}: it is a folder')
-    if not os.access(path.parent, os.W_OK):
+    is_replaced = path.is_file() or not path.exists()  # a device or a pipe is written to
+    if not os.access(path.parent if is_replaced else path, os.W_OK):
         reason = 'no permission' if path.parent.exists() else f'there is no folder {path.parent}'
         raise UserError(f'cannot write {path}: {reason}')
 
 
 def write_whole(path: Path, fill: Any) -> None:
-    """Let `fill` write a text file under a temporary name, then rename it. Raises UserError."""
-    temporary = path.with_name(f'.{path.name}.{os.getpid()}.part')
-    try:
-        with temporary.open('w', newline='', encoding='utf-8') as file:
-            fill(file)
-        temporary.replace(path)
-    except OSError as error:
-        raise UserError(f'cannot write {path}: {error.strerror}') from error
-    finally:
-        temporary.unlink(missing_ok=True)
+    """Let `fill` write a text file, whole or not at all. Raises UserError."""
+    with whole_file(path) as temporary, temporary.open('w', newline='', encoding='utf-8') as file:
+        fill(file)

@@ -30,7 +30,8 @@ class Whiteness:
 class ChannelScore:
     """A channel over some runs, SI units.
 
-    `share`: RMSE over the range that was measured; `over_noise`: normalized RMSE; `bias`: mean of measured - model.
+    `share`: RMSE over the range that was measured, NaN where that is zero; `over_noise`: normalized RMSE; `bias`: mean of
+    measured - model.
     """
 
     channel: str
@@ -40,6 +41,11 @@ class ChannelScore:
     share: float
     over_noise: float
     whiteness: Whiteness
+
+    @property
+    def share_text(self) -> str:
+        """RMSE in per cent of the range; a dash where all samples are the same."""
+        return f'{100.0 * self.share:.2f} %' if np.isfinite(self.share) else '-'
 
 
 def channel_score(runs: Sequence[ComparedRun], channel: str) -> ChannelScore | None:

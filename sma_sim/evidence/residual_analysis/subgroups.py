@@ -165,7 +165,7 @@ def assess_region(
 
 
 def trend(late: Mask, early: Mask, error: Vector, block: Classes, draws: Classes) -> tuple[float, float, float]:
-    """Mean squared error late over early: its value and 95 % interval; NaN where a half has no samples."""
+    """Mean squared error late over early: its value and 95 % interval; NaN where there is no early error."""
     count = draws.shape[1]
     sums = [np.bincount(block, weight, count) for mask in (late, early) for weight in (error * mask, 1.0 * mask)]
     if sums[1].sum() == 0.0 or sums[2].sum() == 0.0:
@@ -174,10 +174,9 @@ def trend(late: Mask, early: Mask, error: Vector, block: Classes, draws: Classes
     def ratio(weights: Classes) -> Vector:
         above = (weights @ sums[0]) * (weights @ sums[3])
         below = (weights @ sums[1]) * (weights @ sums[2])
-        found: Vector = above / np.maximum(below, 1e-300)
-        return found
+        return np.divide(above, below, out=np.where(above > 0.0, np.inf, 0.0), where=below > 0.0)
 
-    low, high = np.quantile(ratio(draws), (0.025, 0.975))
+    low, high = np.quantile(ratio(draws), (0.025, 0.975), method='inverted_cdf')  # no difference of two infinite ones
     return float(ratio(np.ones((1, count), dtype=np.int64))[0]), float(low), float(high)
 
 

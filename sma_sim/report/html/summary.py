@@ -72,7 +72,7 @@ def channel_row(kind: str, score: ChannelScore) -> tuple[str, ...]:
         score.channel,
         kind,
         in_display_unit(score.channel, score.rmse),
-        f'{100 * score.share:.2f} %',
+        score.share_text,
         f'{score.over_noise:.3f}',
         in_display_unit(score.channel, score.bias),
         f'{white.p:.2g}' if white.p >= 1e-16 else '< 1e-16',
