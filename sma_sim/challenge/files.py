@@ -27,9 +27,9 @@ from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Recording
 from sma_sim.evidence.data.rosbag.run_writer import write_mcap
 from sma_sim.evidence.data.sources import META_FILE
 from sma_sim.evidence.data.tables import write_columns
+from sma_sim.model.argument_checks import checked
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
-from sma_sim.model.expected import checked
 from sma_sim.model.nearest import suggestion
 from sma_sim.solver.inputs import inputs_at
 

@@ -13,10 +13,10 @@ from sma_sim.challenge.draw import UNCERTAIN_PARAMETERS, draw_parameters, draw_r
 from sma_sim.challenge.robot import NOISE_STD, BrokenRobot, Hidden, Robot
 from sma_sim.challenge.truth import Truth, Vector
 from sma_sim.evidence.data.recording import Dataset, Recording
+from sma_sim.model.argument_checks import check_fields, checked
 from sma_sim.model.config import Config, default_parameters
 from sma_sim.model.effects.discovery import package_effects
 from sma_sim.model.errors import UserError
-from sma_sim.model.expected import check_fields, checked
 from sma_sim.model.shown import Shown
 from sma_sim.solver.inputs import Input
 

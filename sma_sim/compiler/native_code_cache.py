@@ -27,6 +27,7 @@ class NativeCodeCache(FunctionCache):
             try:
                 return self._load_overload(sig, target_context)
             except ModuleNotFoundError:  # kept by another program, such as a notebook, whose kernel has the same text
+                self.flush()  # else what is compiled now could not be kept beside it
                 return None
 
 

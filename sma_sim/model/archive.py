@@ -17,11 +17,11 @@ from typing import Any
 
 import numpy as np
 
+from sma_sim.model.argument_checks import checked
 from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import FoundEffect, found_effect, package_effects, with_scopes
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.errors import UserError
-from sma_sim.model.expected import checked
 from sma_sim.model.files import whole_file
 from sma_sim.model.parameters import Parameter
 from sma_sim.model.structures.discovery import FoundStructure, found_structure, package_structures, structure_of_size

@@ -11,6 +11,7 @@ from shlex import quote
 from types import MappingProxyType
 from typing import Any, TypeAlias
 
+from sma_sim.model.argument_checks import expect
 from sma_sim.model.comparable import Comparable
 from sma_sim.model.covariance import MATRIX, NAMES, ParameterCovariance, covariance_given
 from sma_sim.model.effects.discovery import (
@@ -23,7 +24,6 @@ from sma_sim.model.effects.discovery import (
 )
 from sma_sim.model.effects.effect import Effect, EffectChoice
 from sma_sim.model.effects.scope import SEPARATOR
-from sma_sim.model.expected import expect
 from sma_sim.model.given import (
     COMMAND_LINE,
     KINETICS_NAMES,

@@ -54,7 +54,7 @@ class Inbox:
         """Call the callbacks with all messages that have arrived; those that arrive meanwhile wait for the next time."""
         for subscription in self.subscriptions:
             with subscription.handle:
-                for _ in range(most_waiting(subscription.qos_profile)):
+                for _ in range(max_waiting(subscription.qos_profile)):
                     if not self._take_one(subscription):
                         break
 
@@ -84,7 +84,7 @@ class Inbox:
         return True
 
 
-def most_waiting(profile: QoSProfile) -> int:
+def max_waiting(profile: QoSProfile) -> int:
     """How many messages can wait at most: with more taken, a flood of them would keep the one who takes them for ever."""
     return int(profile.depth) if profile.history == HistoryPolicy.KEEP_LAST and profile.depth else MAX_AT_ONCE
 

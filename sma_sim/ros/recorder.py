@@ -37,7 +37,7 @@ class Recorder:
         path: Path,
         topics: Sequence[RecordedTopic],
         about: Mapping[str, str],
-        most_megabytes: float,
+        max_megabytes: float,
         longest: float,
         on_failure: Callable[[str], object],
     ) -> None:
@@ -46,7 +46,7 @@ class Recorder:
         except ModuleNotFoundError as error:
             raise missing(error, f'node.record = {path}: a bag') from error
         try:
-            self._bag = BagWriter(path, about, round(most_megabytes * MEGABYTE), round(longest * 1e9))
+            self._bag = BagWriter(path, about, round(max_megabytes * MEGABYTE), round(longest * 1e9))
             for topic in topics:
                 self._bag.add(topic.name, topic.kind, qos=[topic.qos])
         except OSError as error:

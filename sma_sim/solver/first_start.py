@@ -10,11 +10,11 @@ from sma_sim.compiler.compile import is_compiled, reachable
 from sma_sim.compiler.fragments import ENTRY, FRAGMENT, on_compiled
 from sma_sim.compiler.pinned_systems import pin_system
 from sma_sim.solver.equilibrium import start
-from sma_sim.solver.integrate import integrate, integrate_held, observe
+from sma_sim.solver.integrate import integrate, integrate_held
 from sma_sim.solver.tangents import follow
 
 SIMULATION = (start, integrate)  # what Python calls to simulate an input
-FIXED_RATE = (start, observe, integrate_held)  # and what it calls to step at a fixed rate
+FIXED_RATE = (start, integrate_held)  # and what it calls to step at a fixed rate
 TANGENTS = (follow, pin_system)  # and what fits call beside SIMULATION, for derivatives
 MEASURED = 10  # work after which its speed is known
 STARTING = 'compiling the equations, once on this machine ...'

@@ -26,7 +26,6 @@ from sma_sim.solver.integrate import (
     Limits,
     Log,
     integrate_held,
-    observe,
 )
 from sma_sim.solver.model import Model
 from sma_sim.solver.simulate import (
@@ -42,7 +41,6 @@ from sma_sim.solver.simulate import (
     stall_step,
     trajectory,
 )
-from sma_sim.solver.stepper import Segment
 
 STEPS_AT_ONCE = 10_000
 WHOLE_ROWS = np.zeros(0, dtype=np.int64)  # samples are of no channels in particular
@@ -73,7 +71,6 @@ class FixedRateRun:
         self._integrate = package_compiler().function(integrate_held)
         self._samples = new_samples(1, WHOLE_ROWS, model.structure)
         self._observe(first_input)
-        self.advance(np.zeros((0, len(self._still))), 1, self._samples)  # compiled now, not at the first step
 
     @property
     def time(self) -> float:
@@ -102,9 +99,8 @@ class FixedRateRun:
         """Renew `sample` by what is seen now, under the input `u`."""
         input_now = np.array(u, dtype=float)
         input_now[: self._drives] = self._imposed
-        now = Segment(self.time, self.time, input_now, self._still, False)
-        sample = package_compiler().function(observe)
-        sample(self.time, self.run.state, now, self._compiled, self._work, self._samples[0])
+        now = HeldInput(self.k, self.rate, input_now[None, :], self._still, False, 0)
+        self._integrate(now, self.run, self._compiled, self._work, self._limits(0), self._log(self._samples))
 
     def step(self, u: Vector, count: int = 1, every: int = 1) -> None:
         """Steps under the input `u`, such as (J_eq [W], T_E [K]); `sample` is renewed where `every` divides their number."""
@@ -114,7 +110,7 @@ class FixedRateRun:
         """One step per row of `inputs`, a sample after every step whose number divides by `every`; their count."""
         self.run.count[:N_JUMPS] = 0
         inputs = np.array(inputs, dtype=float, order='C')
-        limits = Limits(np.inf, MAX_STEPS_PER_STEP * len(inputs), stall_step(self.model))
+        limits = self._limits(len(inputs))
         if not self._drives or not len(inputs):
             held = HeldInput(self.k, self.rate, inputs, self._still, self.model.uses_time, every)
             return self._make_steps(held, samples, limits)
@@ -131,12 +127,18 @@ class FixedRateRun:
 
     def _make_steps(self, held: HeldInput, samples: NDArray[np.float64], limits: Limits) -> int:
         """The steps of an input, and samples of them; their count."""
-        log = Log(samples, self._still[:0], np.zeros(1, dtype=np.int64), self.jumps, WHOLE_ROWS)
+        log = self._log(samples)
         status = self._integrate(held, self.run, self._compiled, self._work, limits, log)
         if status != COMPLETED:
             raise SimulationError(f'the run ended after {self.time:g} s: {stop_reason(status, self.model, self.run)}')
         self.k += len(held.values)
         return int(log.written[0])
+
+    def _limits(self, steps: int) -> Limits:
+        return Limits(np.inf, MAX_STEPS_PER_STEP * steps, stall_step(self.model))
+
+    def _log(self, samples: NDArray[np.float64]) -> Log:
+        return Log(samples, self._still[:0], np.zeros(1, dtype=np.int64), self.jumps, WHOLE_ROWS)
 
     def take_jumps(self) -> tuple[Jump, ...]:
         """The jumps since this was last asked."""

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.model.argument_checks import as_array, expect
 from sma_sim.model.comparable import Comparable
 from sma_sim.model.errors import UserError
-from sma_sim.model.expected import as_array, expect
 from sma_sim.model.shown import Shown
 from sma_sim.model.structures.structure import Structure
 

@@ -87,7 +87,7 @@ class HeldInput(NamedTuple):
     values: Matrix
     slope: Vector  # of every step [1/s]
     time_dependent: bool
-    every: int  # a sample is taken after every step whose number divides by it
+    every: int  # a sample is taken after every step whose number divides by it; 0: one of the state at k_0, and no step
 
 
 class Log(NamedTuple):
@@ -467,6 +467,10 @@ def integrate(stretches: InputStretches, run: Run, p: System, w: Work, limits: L
 
 def integrate_held(held: HeldInput, run: Run, p: System, w: Work, limits: Limits, log: Log) -> int:
     """Fixed steps under a held input, with samples whatever the times in the log say; the reason for the end."""
+    if held.every == 0:  # here, since a function of its own would be compiled with much that is compiled here already
+        t = held.k_0 / held.rate
+        observe(t, run.state, Segment(t, t, held.values[0], held.slope, False), p, w, log.samples[0])
+        return COMPLETED
     for i in range(held.values.shape[0]):
         k = held.k_0 + i + 1
         segment = Segment((k - 1) / held.rate, k / held.rate, held.values[i], held.slope, held.time_dependent)

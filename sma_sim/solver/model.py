@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from sma_sim.compiler.fields_read import uses_time
 from sma_sim.compiler.structure_kernels import MAX_EFFECTS, native_structure, new_effects
+from sma_sim.model.argument_checks import expect
 from sma_sim.model.config import Config
 from sma_sim.model.effects.ports import STRUCTURE_FORCE, EffectTable
 from sma_sim.model.errors import UserError
-from sma_sim.model.expected import expect
 from sma_sim.model.layout import O_DL, StructureTable, System
 from sma_sim.model.parameters import WireConstants, wire_constants
 from sma_sim.model.structures.structure import Constants, Structure, numbers, record

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.compiler.compile import package_compiler
+from sma_sim.model.argument_checks import checked
 from sma_sim.model.automaton import EDGES, GUARD_NAMES
 from sma_sim.model.config import Config
 from sma_sim.model.errors import PhysicsWarning, UserError
-from sma_sim.model.expected import checked
 from sma_sim.model.layout import (
     O_EPS,
     O_LENGTH,

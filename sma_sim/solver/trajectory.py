@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.model.archive import Saved
+from sma_sim.model.argument_checks import checked
 from sma_sim.model.comparable import Comparable
-from sma_sim.model.expected import checked
 from sma_sim.model.nearest import UnknownNameError, suggestion
 from sma_sim.model.optional import require
 from sma_sim.model.shown import Shown, listed, text_table

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from sma_sim.evidence.data.tables import write_whole
+from sma_sim.model.argument_checks import checked
 from sma_sim.model.config import Config, folders_of
 from sma_sim.model.errors import UserError
-from sma_sim.model.expected import checked
 from sma_sim.model.parameter_file import parameter_file
 from sma_sim.model.plugins import OWN
 

@@ -60,7 +60,7 @@ def run():
     return inputs_at(source, trajectory.time) | trajectory.columns
 
 
-@pytest.mark.parametrize('limits', [{}, {'longest': 100 * MILLISECOND}, {'most_bytes': 5000}])
+@pytest.mark.parametrize('limits', [{}, {'longest': 100 * MILLISECOND}, {'max_bytes': 5000}])
 def test_what_was_written_is_read_by_rosbags(tmp_path, limits):
     bag = BagWriter(tmp_path / 'bag', {'key': 'value'}, **limits)
     bag.add('/J_eq', FLOAT64)
@@ -75,7 +75,7 @@ def test_what_was_written_is_read_by_rosbags(tmp_path, limits):
     found = open_bag(tmp_path / 'bag')
     assert found.whole and found.about == {'key': 'value'} and data_of(found.messages()) == list(range(1000))
     files = len(list((tmp_path / 'bag').glob('*.mcap')))
-    assert files == (10 if 'longest' in limits else 1) if 'most_bytes' not in limits else files > 2
+    assert files == (10 if 'longest' in limits else 1) if 'max_bytes' not in limits else files > 2
 
 
 def test_a_bag_is_never_overwritten(tmp_path):

@@ -32,8 +32,8 @@ from sma_sim.evidence.estimation.residuals import (
     SOLVER_NOISE,
     error_over_noise,
     fit_data,
-    most_steps,
     sampled_changes,
+    step_limit,
     with_switches,
     without_repeats,
 )
@@ -112,8 +112,8 @@ def test_sampled_commands_changed_between_their_row_and_the_one_before():
 
 def test_longer_runs_may_take_more_steps_and_chosen_models_more_again():
     short, long = (module_input([0.0, 1.0, end], [0.0, 1.0, 1.0]) for end in (2.0, 102.0))
-    assert most_steps(long, True) - most_steps(short, True) == 20 * 100
-    assert most_steps(long, False) == 20 * most_steps(long, True)
+    assert step_limit(long, True) - step_limit(short, True) == 20 * 100
+    assert step_limit(long, False) == 20 * step_limit(long, True)
 
 
 def test_workers_of_an_executor(monkeypatch):

@@ -23,7 +23,7 @@ from sma_sim import (
 from sma_sim.evidence.data.tables import read_columns
 from sma_sim.evidence.estimation.calibrate import SEARCH_RTOL, problem_for
 from sma_sim.evidence.estimation.executors import PickledConfig
-from sma_sim.evidence.estimation.residuals import error_over_noise, fit_data, most_steps, weighted_residuals
+from sma_sim.evidence.estimation.residuals import error_over_noise, fit_data, step_limit, weighted_residuals
 from sma_sim.evidence.estimation.run_tangents import LOOSER, TangentTask, linearized_by_tangents
 from sma_sim.model.material import sigma_A, sigma_M
 from sma_sim.model.parameters import wire_constants
@@ -186,7 +186,7 @@ def test_parameters_that_take_no_end_of_steps_are_given_up():
         assert np.isfinite(predict(config(solver__rtol=rtol), run)['U_y']).all()
     with pytest.raises(SimulationError, match='step limit reached'):
         predict(scaled(config(), wire__E_A=0.18, wire__eps_T=0.46), fit_data(run, NOISE, step_limited=True))
-    assert most_steps(run.source, step_limited=False) > 10 * most_steps(
+    assert step_limit(run.source, step_limited=False) > 10 * step_limit(
         run.source, step_limited=True
     )  # a model that was chosen may ring
 

@@ -38,7 +38,7 @@ from sma_sim.compiler.pinned_systems import pin_system, pinned_systems, record_a
 from sma_sim.model.effects.ports import call_kernel
 from sma_sim.solver import first_start
 from sma_sim.solver.fixed_rate import FixedRateRun
-from sma_sim.solver.integrate import integrate, integrate_held, observe
+from sma_sim.solver.integrate import integrate, integrate_held
 
 ROOT = Path(__file__).resolve().parents[2]
 # A function with large records, one inside the other, that calls another with a constant and with a number.
@@ -137,8 +137,12 @@ def started(tmp_path):
     """Start the user's program with a cache of its own; its process."""
     (tmp_path / 'user.py').write_text(USER, encoding='utf-8')
     environment = os.environ | {'XDG_CACHE_HOME': str(tmp_path / 'cache'), 'PYTHONPATH': f'{ROOT}{os.pathsep}{tmp_path}'}
-    words = [sys.executable, '-c', 'import user; user.main()']
-    return lambda: subprocess.Popen(words, env=environment, stdout=subprocess.PIPE, text=True)
+
+    def start(module='user'):
+        words = [sys.executable, '-c', f'import {module}; {module}.main()']
+        return subprocess.Popen(words, env=environment, stdout=subprocess.PIPE, text=True)
+
+    return start
 
 
 def result_of(process):
@@ -157,6 +161,17 @@ def test_processes_that_start_at_once_share_a_cache(started):
         *values, _, versions = result_of(process)
         assert values[:3] == values[3:] == [8.0, 25.0, 14.0] and versions <= 1
     assert result_of(started())[-2:] == [1, 0]
+
+
+def test_code_that_a_program_kept_which_is_gone_is_compiled_again(started, tmp_path):
+    """Another program with the same text cannot load it, since it names types of the first one's module."""
+    first = result_of(started())
+    (tmp_path / 'user.py').unlink()
+    (tmp_path / 'other.py').write_text(USER.replace("'user'", "'other'"), encoding='utf-8')
+    for hits in (0, 1):
+        *values, found, _ = result_of(started('other'))
+        assert values == first[:-2] and found == hits
+
 
 
 def test_records_of_any_size_go_to_compiled_functions(tmp_path, monkeypatch):
@@ -303,7 +318,7 @@ def test_whole_numbers_and_other_layouts_of_arrays_compile_nothing_more():
         run = simulate(Model(), source, array([0, 1, 2]), max_step=number(1), max_steps=number(1000))
         fixed = FixedRateRun(Model(), number(1000), array([0, 298]))
         fixed.step(array([5, 298]), 2)
-        entries = [package_compiler().function(function) for function in (integrate, integrate_held, observe)]
+        entries = [package_compiler().function(function) for function in (integrate, integrate_held)]
         versions.append([getattr(entry, 'signatures', []) for entry in entries] + [run['T_1_K'][-1], fixed.sample.tolist()])
     assert versions[0] == versions[1]
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from sma_sim.evidence.control.pi import PI
 from sma_sim.evidence.control.plan import Planner, Target
 from sma_sim.evidence.state_estimation.estimate import RobotState
+from sma_sim.model.argument_checks import as_kelvin, expect
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
-from sma_sim.model.expected import as_kelvin, expect
 from sma_sim.solver.columns import sample_columns
 from sma_sim.solver.fixed_rate import FixedRateRun
 from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS

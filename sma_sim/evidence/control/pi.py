@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from math import isfinite
 
+from sma_sim.model.argument_checks import expect
 from sma_sim.model.errors import UserError
-from sma_sim.model.expected import expect
 
 
 class PI:

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 from sma_sim.evidence.control.plan import Planner, Target
 from sma_sim.evidence.state_estimation.observer import Observer
+from sma_sim.model.argument_checks import expect
 from sma_sim.model.config import Config
-from sma_sim.model.expected import expect
 
 ITERATIONS = 1  # of a plan, which begins from the one before (Diehl et al., SIAM J. Control Optim. 43 (2005) 1714)
 

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.model.archive import Saved
+from sma_sim.model.argument_checks import as_array, check_fields, expect
 from sma_sim.model.comparable import Comparable
 from sma_sim.model.errors import UserError
-from sma_sim.model.expected import as_array, check_fields, expect
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.renamed import renamed
 from sma_sim.model.shown import Shown, listed

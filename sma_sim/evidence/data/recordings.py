@@ -20,9 +20,9 @@ from sma_sim.evidence.data.repeatability import with_bench
 from sma_sim.evidence.data.rosbag.commands import NODE_LIMITS, CommandLimits
 from sma_sim.evidence.data.rosbag.raw_messages import is_bag
 from sma_sim.evidence.data.sources import COLUMNS_BY_SYSTEM, checked_noise, read_noise_file, read_source, recordings_in
+from sma_sim.model.argument_checks import checked
 from sma_sim.model.effects.ports import CHANNELS
 from sma_sim.model.errors import UserError
-from sma_sim.model.expected import checked
 from sma_sim.model.structures.discovery import known_structures
 
 NEGLIGIBLE_FRACTION = 1e-4  # of what a channel spans: smaller noise is below the error of any model

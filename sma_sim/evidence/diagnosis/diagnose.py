@@ -43,8 +43,8 @@ from sma_sim.evidence.search.steps import SelectionStep, path_to, steps_along
 from sma_sim.evidence.set_up.check import faults_after_fit, faults_before_fits, is_uncertain
 from sma_sim.evidence.set_up.faults import Fault, without_faults
 from sma_sim.model.archive import Saved
+from sma_sim.model.argument_checks import checked
 from sma_sim.model.config import Config
-from sma_sim.model.expected import checked
 from sma_sim.model.progress import progress_in_words
 from sma_sim.model.renamed import renamed
 from sma_sim.model.shown import Shown, listed

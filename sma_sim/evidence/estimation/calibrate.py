@@ -56,9 +56,9 @@ from sma_sim.evidence.estimation.uncertainty import (
     with_other_minima,
 )
 from sma_sim.model.archive import Saved
+from sma_sim.model.argument_checks import check_fields, checked, is_like
 from sma_sim.model.config import AUTO, Config
 from sma_sim.model.errors import UserError
-from sma_sim.model.expected import check_fields, checked, is_like
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.optional import require
 from sma_sim.model.parameters import Parameter

@@ -30,9 +30,9 @@ from sma_sim.evidence.estimation.residuals import (
 )
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import RUN_UNKNOWNS
+from sma_sim.model.argument_checks import checked
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
-from sma_sim.model.expected import checked
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]

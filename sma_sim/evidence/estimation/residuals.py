@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.data.noise import estimate_noise
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording, channels_of_family, is_resistance
+from sma_sim.model.argument_checks import check_fields, checked
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
-from sma_sim.model.expected import check_fields, checked
 from sma_sim.model.structures.discovery import known_structures
 from sma_sim.solver.clock import seen_at
 from sma_sim.solver.effect_table import channel_scales
@@ -262,7 +262,7 @@ def held_until(source: Input, last: float) -> Input:
     return Input(np.append(source.times, last), np.vstack([source.values, source.values[-1:]]), source.linear, source.names)
 
 
-def most_steps(source: Input, step_limited: bool, rows: int = 0) -> int:
+def step_limit(source: Input, step_limited: bool, rows: int = 0) -> int:
     """Of the solver in one run, six times what is usual or more: else few hopeless points take most of a search's time.
 
     `rows`: of the source, if not as it is.
@@ -354,7 +354,12 @@ def simulated(
     source, model = held_until(source, float(asked[-1])), Model(config)
     initial_state = run.initial_state or start_of(model, source, nuisance.start)
     trajectory = simulate(
-        model, source, asked, max_steps=most_steps(source, run.step_limited), initial_state=initial_state, channels=channels
+        model,
+        source,
+        asked,
+        max_steps=step_limit(source, run.step_limited),
+        initial_state=initial_state,
+        channels=channels,
     )
     if not trajectory.completed:
         raise SimulationError(f'{run.name}: the run ended after {trajectory.end:g} s: {trajectory.reason}')
@@ -427,7 +432,7 @@ def shown_by(model: Model, run: FitData, nuisance: Nuisance, lines: Stretches | 
     first = np.asarray(source.values[0], float)
     begin = copy_of_run(model, run.initial_state) if run.initial_state else new_run(model, first, work, nuisance.start)
     try:
-        limit = most_steps(source, run.step_limited, 0 if lines is None else len(lines.times))
+        limit = step_limit(source, run.step_limited, 0 if lines is None else len(lines.times))
         samples = sampled_channels(model, source, asked, run.channels, limit, begin, work, lines)
     except SimulationError as error:
         raise SimulationError(f'{run.name}: {error}') from error

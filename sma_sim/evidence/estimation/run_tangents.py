@@ -14,10 +14,10 @@ from sma_sim.evidence.estimation.residuals import (
     FitData,
     Nuisance,
     compared,
-    most_steps,
     planned_run,
     smoothed_residuals,
     start_of,
+    step_limit,
     weighted_residuals,
 )
 from sma_sim.model.config import Config
@@ -135,7 +135,7 @@ def sensitivities_of(task: TangentTask) -> Sensitivities | None:
         initial_state,
         run.channels,
         neighbours,
-        most_steps(source, run.step_limited),
+        step_limit(source, run.step_limited),
         run.leeway,
     )
 

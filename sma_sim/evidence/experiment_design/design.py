@@ -70,11 +70,11 @@ from sma_sim.evidence.experiment_design.utilities import (
     weak_directions,
 )
 from sma_sim.evidence.search.refine import WINDOW
+from sma_sim.model.argument_checks import checked
 from sma_sim.model.config import Config, suggestion
 from sma_sim.model.effects.discovery import find_effects
 from sma_sim.model.effects.scope import SEPARATOR
 from sma_sim.model.errors import UserError
-from sma_sim.model.expected import checked
 from sma_sim.model.progress import progress_in_words
 from sma_sim.model.structures.structure import Structure
 

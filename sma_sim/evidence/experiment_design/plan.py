@@ -17,8 +17,8 @@ from sma_sim.evidence.experiment_design.rival_fits import ModelHypothesis
 from sma_sim.evidence.experiment_design.sequences import CommandGrid
 from sma_sim.evidence.search.posterior import TIE
 from sma_sim.model.archive import Saved
+from sma_sim.model.argument_checks import as_folders, check_fields
 from sma_sim.model.comparable import Comparable
-from sma_sim.model.expected import as_folders, check_fields
 from sma_sim.model.renamed import renamed
 from sma_sim.model.shown import Shown, listed
 

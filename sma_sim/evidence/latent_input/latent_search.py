@@ -52,9 +52,9 @@ from sma_sim.evidence.latent_input.results import InputEstimate, InputFinding, L
 from sma_sim.evidence.model_selection.nominal_fit import NOMINAL_STARTS, nominal_fit
 from sma_sim.evidence.model_selection.refit import refit, with_other_kinetics
 from sma_sim.evidence.search.posterior import EVEN, TIE
+from sma_sim.model.argument_checks import check_fields, checked
 from sma_sim.model.config import MODELS, Config
 from sma_sim.model.errors import UserError
-from sma_sim.model.expected import check_fields, checked
 from sma_sim.model.progress import progress_in_words
 from sma_sim.model.renamed import renamed
 from sma_sim.solver.simulate import SimulationError

@@ -12,9 +12,9 @@ from sma_sim.evidence.estimation.log_evidence import more_probable
 from sma_sim.evidence.estimation.prepared_fit import PreparedFit, check_kinetics
 from sma_sim.evidence.estimation.search_context import OnModel, SearchContext, silent_model
 from sma_sim.evidence.estimation.stop_criteria import NOMINAL_MODEL
+from sma_sim.model.argument_checks import as_folders, check_fields
 from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import ActiveEffect, effects_on, find_effects
-from sma_sim.model.expected import as_folders, check_fields
 from sma_sim.model.renamed import renamed
 
 GRADIENT = 'temperature_gradient'  # the effect of a specimen that is not equally warm

@@ -21,9 +21,9 @@ from sma_sim.evidence.estimation.residuals import FitData, Nuisance, fit_data, m
 from sma_sim.evidence.estimation.search_context import silent_iteration
 from sma_sim.evidence.residual_analysis.wire_states import with_derived_states
 from sma_sim.model.archive import Saved
+from sma_sim.model.argument_checks import checked
 from sma_sim.model.comparable import Comparable
 from sma_sim.model.config import Config
-from sma_sim.model.expected import checked
 from sma_sim.model.nearest import UnknownNameError, suggestion
 from sma_sim.model.shown import Shown, listed
 

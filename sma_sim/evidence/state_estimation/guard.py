@@ -27,9 +27,9 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.state_estimation.estimate import Estimate
+from sma_sim.model.argument_checks import expect
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
-from sma_sim.model.expected import expect
 from sma_sim.model.system import commanded_heating
 from sma_sim.solver.model import Model
 

@@ -41,10 +41,10 @@ from sma_sim.evidence.state_estimation.uncertain import (
     prior_correlation,
     uncertain_parameters,
 )
+from sma_sim.model.argument_checks import as_kelvin, expect
 from sma_sim.model.automaton import INNER
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
-from sma_sim.model.expected import as_kelvin, expect
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.system import commanded_heating
 from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS, Run

@@ -9,11 +9,11 @@ from pathlib import Path
 from types import MappingProxyType
 
 import sma_sim.model.effects.library as package
+from sma_sim.model.argument_checks import as_folders, checked
 from sma_sim.model.effects.conversion import effect_on
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.scope import SEPARATOR, Scope
 from sma_sim.model.errors import UserError
-from sma_sim.model.expected import as_folders, checked
 from sma_sim.model.plugins import OWN, package_plugins, user_plugins
 from sma_sim.model.structures.structure import Structure
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
+from sma_sim.model.argument_checks import expect
 from sma_sim.model.effects.ports import CHANNELS, PORT_NAMES
 from sma_sim.model.effects.scope import (
     EVERYWHERE,
@@ -18,7 +19,6 @@ from sma_sim.model.effects.scope import (
     scopes_at,
 )
 from sma_sim.model.errors import UserError
-from sma_sim.model.expected import expect
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.parameters import Parameter, fault_of
 from sma_sim.model.structures.module import STRUCTURE as MODULE

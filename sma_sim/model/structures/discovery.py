@@ -8,8 +8,8 @@ from functools import cache, lru_cache
 from pathlib import Path
 
 import sma_sim.model.structures as package
+from sma_sim.model.argument_checks import as_folders, checked
 from sma_sim.model.errors import UserError
-from sma_sim.model.expected import as_folders, checked
 from sma_sim.model.plugins import OWN, package_plugins, user_plugins
 from sma_sim.model.structures.checks import fault_of
 from sma_sim.model.structures.structure import Structure

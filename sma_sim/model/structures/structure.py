@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.model.argument_checks import expect
 from sma_sim.model.errors import UserError
-from sma_sim.model.expected import expect
 from sma_sim.model.parameters import INITIAL_PARAMETERS, KELVIN, Parameter, initial_fraction
 from sma_sim.model.program_parameters import DEFAULTS
 from sma_sim.model.structures.links import AXES, Drawing, LinkTree

@@ -74,14 +74,14 @@ class Topic:
 class BagWriter:
     """A new bag in the folder `path`, which must not exist. Times are in nanoseconds.
 
-    A file of the bag is followed by the next one when it has `most_bytes` or spans `longest` ns of log time (0: never).
+    A file of the bag is followed by the next one when it has `max_bytes` or spans `longest` ns of log time (0: never).
     `about` goes into every file and into the bag's metadata. Raises UserError when the folder cannot be made, OSError
     from `write`, `flush` and `close` when the disk fails.
     """
 
     path: Path
     about: Mapping[str, str] = field(default_factory=dict)
-    most_bytes: int = 0
+    max_bytes: int = 0
     longest: int = 0
     bag: MessageSpan = field(default_factory=MessageSpan)
 
@@ -156,7 +156,7 @@ class BagWriter:
         span = self._files[-1][1]
         if not span.count:
             return False
-        grown = self.most_bytes and self._stream.tell() >= self.most_bytes
+        grown = self.max_bytes and self._stream.tell() >= self.max_bytes
         return bool(grown or self.longest and log_time - span.first >= self.longest)
 
     def _open_next(self) -> None:

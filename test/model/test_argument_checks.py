@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sma_sim import Config, UserError
-from sma_sim.model.expected import as_folders, as_kelvin, check_fields, checked, expect, is_like
+from sma_sim.model.argument_checks import as_folders, as_kelvin, check_fields, checked, expect, is_like
 
 Vector = np.typing.NDArray[np.float64]
 Pair = tuple[float, float]
