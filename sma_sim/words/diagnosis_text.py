@@ -13,6 +13,7 @@ from sma_sim.evidence.model_selection.candidates import unrealistic
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.search.steps import CandidateFit
 from sma_sim.evidence.set_up.check import is_uncertain
+from sma_sim.model.effects.scope import law_name
 from sma_sim.model.parameters import Parameter
 from sma_sim.model.shown import joined_words
 from sma_sim.words.diagnosis_data import above_first, amounts, models, probabilities
@@ -51,7 +52,7 @@ IN_OWN_ROOMS = (
     ' Predicted with ambient temperatures of their own, held-out runs have {first:.2f} without effects, {last:.2f} with.'
 )
 REMOVED = (
-    'Retracted: {effects}. It does not improve the held-out prediction '
+    'Retracted: {effects}. The held-out runs are more probable without it '
     '(normalized RMSE {worse:.2f} with, {best:.2f} without).'
 )
 TAKEN_UNREALISTIC = (
@@ -238,8 +239,8 @@ def firmness_lines(diagnosis: Diagnosis) -> Iterator[str]:
     verdicts = diagnosis.by_held_out_run
     if not verdicts or not diagnosis.search_ended:
         return
-    known = diagnosis.verdict, set(diagnosis.effects)
-    others = {name: found for name, found in verdicts.items() if (found.verdict, set(found.effects)) != known}
+    known = diagnosis.verdict, {*map(law_name, diagnosis.effects)}
+    others = {name: one for name, one in verdicts.items() if (one.verdict, {*map(law_name, one.effects)}) != known}
     if not others:
         yield SAME_VERDICT.format(count=len(verdicts))
         return

@@ -5,12 +5,12 @@ from types import SimpleNamespace
 
 import pytest
 
-from sma_sim.evidence.diagnosis.conclusion import PooledErrors
+from sma_sim.evidence.diagnosis.conclusion import HeldOutVerdict, PooledErrors
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter
 from sma_sim.evidence.estimation.uncertainty import AmbientDifference, Interval
 from sma_sim.model.effects.discovery import find_effects
-from sma_sim.words.diagnosis_text import as_text, headline, remarks, short_title
+from sma_sim.words.diagnosis_text import as_text, firmness_lines, headline, remarks, short_title
 from sma_sim.words.proposed_equation import error_words
 
 EFFECTS = {name: found.effect for name, found in find_effects().items()}
@@ -189,6 +189,14 @@ def test_effects_that_held_out_runs_contradict_are_named():
     removed = replace(found, verdict='unknown_effect', effects=('gravity',), retracted=('radiation',), stages=stages)
     said = ' '.join(remarks(removed))
     assert 'Retracted: heat lost by radiation.' in said and '2.00 with, 1.00 without' in said
+
+
+def test_a_law_in_another_form_is_the_same_verdict():
+    listed = diagnosis('missing_effect', candidate('guide_friction'))
+    for effects, words in ((('guide_friction@form_v',), 'is the same'), (('guide_friction@wire_1',), 'depends on')):
+        without = HeldOutVerdict('missing_effect', effects, 1.0)
+        said = ' '.join(firmness_lines(replace(listed, by_held_out_run={'run1': without})))
+        assert words in said
 
 
 def test_runs_that_one_model_explains_together():
