@@ -128,9 +128,10 @@ def form_parameters(field: str, declared: Iterable[Parameter]) -> tuple[Paramete
     unit, between = (alike[0].unit, alike[0].realistic) if len(alike) == 1 else FORM_FIELDS[field][1:]
     low, high = between or (1.0, 1.0)
     words = words_of(field)
-    width = f'how much of {words} it takes'
+    odd, even = (f'logarithm of the multiple of the law, what is {part} in {words}' for part in ('odd', 'even'))
+    width = words.removeprefix('the ') + ' over which the form changes'
     return (
-        Parameter('form_1', 0.0, '-', FORM_BOUNDS, f'what changes sign with {words}', '', 0.0, FORM_REALISTIC),
-        Parameter('form_2', 0.0, '-', FORM_BOUNDS, f'what grows with {words} either way', '', 0.0, FORM_REALISTIC),
+        Parameter('form_1', 0.0, '-', FORM_BOUNDS, odd, '', 0.0, FORM_REALISTIC),
+        Parameter('form_2', 0.0, '-', FORM_BOUNDS, even, '', 0.0, FORM_REALISTIC),
         Parameter('form_width', (low * high) ** 0.5, unit, (low * 1e-2, high * 1e2), width, '', None, (low, high)),
     )
