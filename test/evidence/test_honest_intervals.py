@@ -280,7 +280,7 @@ def test_an_effect_that_predicts_worse_is_not_found(monkeypatch, held_out, toget
     monkeypatch.setattr(conclusion, 'pooled_refit', lambda *_: pooled)
     monkeypatch.setattr(conclusion, 'errors_in_own_rooms', lambda *_: rooms)
     errors = rooms or held_out  # without uncertain parameters the density falls with the error
-    monkeypatch.setattr(conclusion, 'log_predictive', lambda stage, *_: -errors[stages.index(stage)])
+    monkeypatch.setattr(conclusion, 'log_predictive', lambda stage, *_: -10.0 * errors[stages.index(stage)])
     monkeypatch.setattr(conclusion, 'estimated', lambda fit, *_: fit)
     monkeypatch.setattr(conclusion, 'has_terms', lambda _: False)
     posterior = SimpleNamespace(best=None, unlisted=0.0, overdispersion=1.0)

@@ -42,7 +42,7 @@ from sma_sim.evidence.model_selection.refit import refit
 from sma_sim.evidence.model_selection.sketches import at_defaults
 from sma_sim.evidence.search.beam import Book
 from sma_sim.evidence.search.equations import has_terms
-from sma_sim.evidence.search.posterior import EVEN, Posterior
+from sma_sim.evidence.search.posterior import EVEN, TIE, Posterior
 from sma_sim.evidence.search.refine import Model
 from sma_sim.evidence.search.score import evidence_at
 from sma_sim.model.config import Config
@@ -97,7 +97,7 @@ def conclusion(
         k, pairs = posterior.overdispersion, zip(stages, [*fits, last], strict=True)
         densities = [log_predictive(stage, fit, data, (k, own_rooms), context) for stage, fit in pairs]
         best = max(range(len(stages)), key=lambda one: (densities[one], one))
-        is_worse = best < len(stages) - 1
+        is_worse = densities[best] > densities[-1] + TIE
     if is_worse and not explained:
         context.on_progress('the held-out runs are more probable with fewer components')
         last = as_fitted(path[best][1], context)

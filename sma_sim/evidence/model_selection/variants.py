@@ -26,6 +26,7 @@ from sma_sim.model.parameters import beam_constants
 from sma_sim.model.program_parameters import DEFAULTS
 
 POSE_RATE = ('dU_x', 'dU_y', 'dalpha')
+FORMS_TRIED = ('wire_force', 'structure_force')
 
 
 def variants_of(candidates: Iterable[Candidate], channels: Iterable[str]) -> tuple[Candidate, ...]:
@@ -92,9 +93,13 @@ def forces_by_parameter(effect: Effect, mask: tuple[float, ...]) -> Mapping[str,
 
 
 def forms_of(found: FoundEffect) -> tuple[Candidate, ...]:
-    """The other forms of the law of an active effect, each probed beside it as it is; none of one in another form."""
+    """The other forms of the law of an active effect, each probed beside it as it is; none of one in another form.
+
+    Only of laws of forces: how friction depends on speed and load is known to a regularisation. Of what transforms or heats
+    a wire other laws are listed, or have exponents of their own.
+    """
     effect, made = found.effect, list[Candidate]()
-    for field in form_fields(effect):
+    for field in form_fields(effect) if effect.port in FORMS_TRIED else ():
         other = found.in_scope(effect.scope.of(field))
         own = other.effect.parameters[len(effect.parameters) :]
         made.append(candidate_at(other, shape_grid([p for p in own if p.neutral is None]), own))
