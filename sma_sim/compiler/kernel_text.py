@@ -7,11 +7,10 @@ from typing import Any, NamedTuple
 
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.ports import CHANNELS, S_CHANNEL, S_J, S_POSE, S_T, S_T_E, S_WIRE
-from sma_sim.model.effects.scope import FORM_PORTS, MASK_COORDINATE, MASK_FIELD, MASK_SIZE, MASK_WIRE
+from sma_sim.model.effects.scope import FORM_PORTS, FORM_SIZE, MASK_COORDINATE, MASK_FIELD, MASK_SIZE, MASK_WIRE
 from sma_sim.model.structures.structure import Structure
 
 FUNCTIONS = ('stiffness', 'gravity')  # of a structure, that kernels take
-FORM_SIZE = 3  # parameters of another form, behind the mask
 OWN = 'own'  # what kernels call the parameter of their channel
 
 
@@ -88,7 +87,7 @@ def wrapper_text(effect: Effect, one: OneKernel, kinds: KernelTypes, is_tuple: b
     lines += [f'    {letter}__ = {kind}({", ".join(entries[letter])})' for letter, kind, _ in groups]
     lines.append(f'    result = kernel({", ".join(f"{letter}__" for letter, _, _ in groups)})')
     values = [f'result[{i}]' for i in range(outputs)] if is_tuple else ['result'] + ['0.0'] * (outputs - 1)
-    if effect.port in FORM_PORTS[:-1] and role == 'value':
+    if effect.port in FORM_PORTS and role == 'value':
         lines += form_lines(count, f's_[int(f)] - (s_[{S_T_E}] if f == {S_T}.0 else 0.0)')
         values = [value if value == '0.0' else f'{value} * g' for value in values]
     if effect.port == 'structure_force' and role == 'value':

@@ -11,13 +11,12 @@ import numpy as np
 
 from sma_sim.compiler.effect_kernels import native_effect, own_kernels
 from sma_sim.compiler.fields_read import fields_read
-from sma_sim.compiler.kernel_text import FORM_SIZE
 from sma_sim.model.effects.conversion import like_of, with_parameters
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect
 from sma_sim.model.effects.effect import CHAIN, Effect
 from sma_sim.model.effects.meaning import POSE, acting_coordinates, acts_on, channel_slots
 from sma_sim.model.effects.ports import CHANNELS, PORT_NAMES, S_POSE, SENSING, STRUCTURE_FORCE, EffectTable
-from sma_sim.model.effects.scope import MASK_SIZE
+from sma_sim.model.effects.scope import FORM_SIZE, MASK_SIZE
 from sma_sim.model.layout import System
 from sma_sim.model.parameters import WireConstants
 from sma_sim.model.structures.discovery import FoundStructure

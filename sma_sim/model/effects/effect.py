@@ -277,10 +277,11 @@ class Effect:
     def forms(self) -> tuple[Scope, ...]:
         """The other forms that its law may have, everywhere and in each of its scopes: as functions of what its kernel may
         read. Laws that have parameters of their own for bundles, and those of all coordinates at once, have none."""
-        at_once = {'stiffness', 'gravity'} & {*self.needs} or not self.needs
-        if self.port not in FORM_PORTS or self.each_bundle or self.in_space or (self.port == FORM_PORTS[-1] and at_once):
+        on_wires = self.port in FORM_PORTS
+        on_coordinates = bool(self.needs) and not {'stiffness', 'gravity'} & {*self.needs}
+        if not (on_wires or on_coordinates) or self.each_bundle or self.in_space:
             return ()
-        every = OWN_COORDINATE if self.needs else FORM_FIELDS
+        every = FORM_FIELDS if on_wires else OWN_COORDINATE
         fields = [field for field in every if form_parameters(field, self.parameters)]
         scopes = (self.scope,) if self.scope.name else (EVERYWHERE, *self.scopes)
         return tuple(scope.of(field) for scope in scopes for field in fields if not (scope.shared or scope.field))

@@ -27,7 +27,8 @@ EVERY = -1  # wire, or coordinate
 NO_FIELD = -1.0
 FORM = 'form_'  # begins the name of a form, and of its parameters
 OWN_COORDINATE = {'q': 'change', 'dq': 'rate'}  # fields of kernels of one coordinate: quantities; a mask counts from S_POSE
-FORM_PORTS = ('wire_heat', 'wire_strain', 'transformation_stress', 'wire_force', 'structure_force')
+FORM_SIZE = 3  # parameters of a form, which kernels read behind the mask
+FORM_PORTS = ('wire_heat', 'wire_strain', 'transformation_stress', 'wire_force')  # and what acts on each coordinate
 FORM_BOUNDS, FORM_REALISTIC = (-3.0, 3.0), (-0.5, 0.5)  # of the logarithm of a law's multiple
 FORM_FIELDS: Mapping[str, tuple[str, str, tuple[float, float]]] = MappingProxyType(
     {  # what a law may depend on otherwise: in words, its unit, and over how much of it
