@@ -189,17 +189,12 @@ def rival_text(plan: Plan) -> Iterator[str]:
                 ratio.rival,
                 f'{ratio.designed:.4g}',
                 f'{ratio.default:.4g}',
-                times_text(ratio.designed, ratio.default),
+                f'{ratio.designed / ratio.default:.1f}' if ratio.default > 0.0 else '',
             )
             for ratio in plan.expected
         ],
     )
     yield from indistinguishable_sentences(plan)
-
-
-def times_text(designed: float, default: float) -> str:
-    """How many times the default."""
-    return f'{designed / default:.1f}' if default > 0.0 else ''
 
 
 def precision_text(plan: Plan, asked: Collection[str]) -> Iterator[str]:

@@ -8,8 +8,7 @@ from typing import Any
 
 from sma_sim.cli.common.commands import add_command
 from sma_sim.cli.common.options import add_namespace_option
-from sma_sim.evidence.data.rosbag.raw_messages import is_bag
-from sma_sim.evidence.data.rosbag.reader import read_bag
+from sma_sim.evidence.data.rosbag.bag_files import is_bag
 from sma_sim.evidence.data.tables import Vector, check_writable, read_columns, read_header
 from sma_sim.model.errors import UserError
 from sma_sim.report.run_figure import draw_run
@@ -28,7 +27,12 @@ def add_parser(verbs: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Draw the columns that are known."""
-    columns = read_bag(arguments.file, arguments.namespace) if is_bag(arguments.file) else read_table(arguments.file)
+    if is_bag(arguments.file):
+        from sma_sim.evidence.data.rosbag.reader import read_bag  # only here: tables need no library of bags
+
+        columns = read_bag(arguments.file, arguments.namespace)
+    else:
+        columns = read_table(arguments.file)
     out = arguments.out or arguments.file.absolute().with_suffix('.png')
     check_writable(out)
     try:

@@ -13,7 +13,7 @@ from sma_sim.cli.common.commands import add_command, add_kinetics, print_notes
 from sma_sim.cli.common.input_files import read_input_file
 from sma_sim.cli.common.options import add_config_options, add_namespace_option, announce_first_compilation
 from sma_sim.cli.common.recorded_parameters import config_for_replay
-from sma_sim.evidence.data.rosbag.raw_messages import is_bag
+from sma_sim.evidence.data.rosbag.bag_files import is_bag
 from sma_sim.evidence.data.rosbag.run_writer import write_mcap
 from sma_sim.evidence.data.tables import Vector, check_writable, write_columns, write_rows
 from sma_sim.model.config import Config

@@ -77,7 +77,8 @@ def _native_effect(found: FoundEffect, on: FoundStructure | None) -> NativeEffec
     if found.packages != OWN:
         warn_of_old_names(effect)
     files, packages = (on.files, on.packages) if on else ((), ())
-    code = code_of(effect.kernel, effect.rate, effect.start, *(functions_on(on.structure) if on else ()))
+    called = [function_of(on.structure, name) for name in FUNCTIONS] if on else []
+    code = code_of(effect.kernel, effect.rate, effect.start, *called)
     compiler = Compiler(content_key(*found.files, *files, code=code), (*found.packages, *packages))
     kinds = kernel_types(effect, on.structure if on else None)
     states = len(effect.states)
@@ -97,11 +98,6 @@ def _native_effect(found: FoundEffect, on: FoundStructure | None) -> NativeEffec
         text = (force_text if effect.needs else wrapper_text)(effect, one, kinds, returns_tuple(effect, one, kinds))
         built.append(_native(effect, one, kinds, text, compiler, f'_{on.structure.name}' if on else ''))
     return NativeEffect(*built)
-
-
-def functions_on(structure: Structure) -> tuple[Any, ...]:
-    """The structure's own functions that kernels may call."""
-    return tuple(function_of(structure, name) for name in FUNCTIONS)
 
 
 def outputs_of(effect: Effect, kinds: KernelTypes) -> int:

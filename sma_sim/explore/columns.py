@@ -10,7 +10,7 @@ import yaml
 from sma_sim.evidence.data.column_map import ColumnMap, Origin, read_column_map
 from sma_sim.evidence.data.foreign_columns import UNITS, likely_column, unit_of
 from sma_sim.evidence.data.recording import NEEDED_COLUMNS
-from sma_sim.evidence.data.rosbag.raw_messages import is_bag
+from sma_sim.evidence.data.rosbag.bag_files import is_bag
 from sma_sim.evidence.data.sources import COLUMNS_BY_SYSTEM, recordings_in
 from sma_sim.evidence.data.tables import read_header
 from sma_sim.explore.request_values import number, text

@@ -67,16 +67,11 @@ def curves_data(run: ShownRun, window: tuple[float, float] | None, pixels: int, 
         'modes': modes_data(columns),
         'loops': loops_data(run, numbers),
         'rate': run.rate,
-        'end': finite_end(run),
+        'end': float(run.time[-1]) if len(run.time) else 0.0,
         'reason': run.reason,
         'completed': run.completed,
         'notes': list(run.notes),
     }
-
-
-def finite_end(run: ShownRun) -> float:
-    """Time of the last sample [s], 0 without any."""
-    return float(run.time[-1]) if len(run.time) else 0.0
 
 
 def panels_data(columns: Mapping[str, Vector], pixels: int, numbers: Numbers) -> list[dict[str, Any]]:

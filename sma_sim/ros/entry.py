@@ -242,7 +242,7 @@ def serve_node(
     try:
         use_realtime_priority(round(config.parameters['node.realtime_priority']))
         freeze_objects()
-        switch_threads_often()
+        sys.setswitchinterval(SWITCH_INTERVAL)
         runner.begin(stop)
         runner.spin(stop)
     except SimulationError as error:
@@ -263,12 +263,7 @@ def model_description(config: Config) -> str:
 
 
 # Steps in time: no long garbage collection, no long wait for the interpreter, a real-time priority where asked for.
-SWITCH_INTERVAL = 5e-4  # [s] after which a thread hands over the interpreter; Python's own 5 ms are five steps
-
-
-def switch_threads_often() -> None:
-    """Let the thread that steps have the interpreter at once, while the recorder's or the executor's works."""
-    sys.setswitchinterval(SWITCH_INTERVAL)
+SWITCH_INTERVAL = 5e-4  # [s] after which the thread that steps gets the interpreter; Python's own 5 ms are five steps
 
 
 def freeze_objects() -> None:

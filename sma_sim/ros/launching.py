@@ -160,7 +160,7 @@ def module_actions(given: ModuleArguments) -> list[Action]:
     environment says otherwise: a controller of the user's own too."""
     actions: list[Action] = [SetEnvironmentVariable(TRANSPORTS, os.environ.get(TRANSPORTS, OVER_UDP)), module_node(given)]
     if given.guard:
-        actions += guarding_nodes(given)
+        actions += [package_node(executable, given, joint_names(given)) for executable in ('sma_observer', 'sma_guard')]
     if given.controller in LAWS:
         actions.append(model_controller(given))
     elif given.controller:
@@ -198,11 +198,6 @@ def model_controller(given: ModuleArguments) -> Node:
     words = [f'control.law:={given.controller}', f'control.target:={given.alpha_target}', 'control.hold:=true']
     words += ['control.behind_guard:=true'] if given.guard else []
     return package_node('sma_controller', given, [*words, *joint_names(given)])
-
-
-def guarding_nodes(given: ModuleArguments) -> list[Action]:
-    """An observer and a guard of the module."""
-    return [package_node(executable, given, joint_names(given)) for executable in ('sma_observer', 'sma_guard')]
 
 
 def joint_names(given: ModuleArguments) -> list[str]:

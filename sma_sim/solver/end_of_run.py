@@ -82,7 +82,7 @@ def odd_hysteresis(model: Model, run: Run) -> str:
     return ''
 
 
-def melting_note(model: Model, temperatures: Vector) -> str:
+def melting_note(temperatures: Vector) -> str:
     """Which wire came to a temperature at which its alloy melts, '' for none; `temperatures` (k, wires) [K]."""
     known = temperatures[np.isfinite(temperatures).all(axis=1)]
     if not len(known) or known.max() <= MELTING_POINT:

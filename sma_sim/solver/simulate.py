@@ -289,7 +289,7 @@ def trajectory(
     """
     written = slice(int(log.written[0]))
     columns, resistances = named_columns(model.structure, log.samples[written], log.numbers)
-    hot = melting_note(model, temperatures_of(model, columns, run))
+    hot = melting_note(temperatures_of(model, columns, run))
     if hot and not are_channels(log.numbers, model.structure):  # a fit tries much
         warnings.warn(hot, PhysicsWarning, stacklevel=4)  # at the line that calls `simulate`
         notes = (*notes, hot)

@@ -173,7 +173,6 @@ def test_code_that_a_program_kept_which_is_gone_is_compiled_again(started, tmp_p
         assert values == first[:-2] and found == hits
 
 
-
 def test_records_of_any_size_go_to_compiled_functions(tmp_path, monkeypatch):
     """In this process, with the compiler switched on: large and small records, helpers in another module, a C function."""
     monkeypatch.setattr(numba.config, 'DISABLE_JIT', 0)

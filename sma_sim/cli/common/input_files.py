@@ -7,10 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from sma_sim.evidence.data.rosbag.bag_files import is_bag
 from sma_sim.evidence.data.rosbag.commands import limits_in
 from sma_sim.evidence.data.rosbag.interface import Interface, interface_of
-from sma_sim.evidence.data.rosbag.raw_messages import is_bag
-from sma_sim.evidence.data.rosbag.reader import read_bag
 from sma_sim.evidence.data.tables import Vector, read_columns, read_header
 from sma_sim.evidence.data.units import mismatch_of
 from sma_sim.model.config import Config
@@ -25,7 +24,11 @@ def read_input_file(path: Path, config: Config, linear: bool, namespace: str | N
     structure = config.structure.structure
     of, T_E = interface_of(structure), config.parameters['environment.T_E']
     notes: list[str] = []
-    bag = read_bag(path, namespace, structure, limits_in(config.parameters), notes) if is_bag(path) else None
+    bag = None
+    if is_bag(path):
+        from sma_sim.evidence.data.rosbag.reader import read_bag  # only here: tables need no library of bags
+
+        bag = read_bag(path, namespace, structure, limits_in(config.parameters), notes)
     for note in notes:
         print(f'note: {path}: {note}', file=sys.stderr)
     return read_input(path, of, T_E, linear, bag)

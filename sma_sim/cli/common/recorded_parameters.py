@@ -7,13 +7,16 @@ import json
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sma_sim.cli.common.idle_effects import noted
-from sma_sim.evidence.data.rosbag.raw_messages import Bag, is_bag, open_bag
+from sma_sim.evidence.data.rosbag.bag_files import is_bag
 from sma_sim.model.config import Config, read_config
 from sma_sim.model.errors import UserError
 from sma_sim.model.given import effect_folders_of
+
+if TYPE_CHECKING:
+    from sma_sim.evidence.data.rosbag.raw_messages import Bag
 
 
 def recorded_parameters(bag: Bag) -> dict[str, Any] | None:
@@ -35,7 +38,11 @@ def config_for_replay(arguments: argparse.Namespace, path: Path, *words: str) ->
 
     Folders of effects that only the bag names are not opened. Raises UserError.
     """
-    recorded = recorded_parameters(open_bag(path)) if arguments.config is None and is_bag(path) else None
+    recorded = None
+    if arguments.config is None and is_bag(path):
+        from sma_sim.evidence.data.rosbag.raw_messages import open_bag  # only here: tables need no library of bags
+
+        recorded = recorded_parameters(open_bag(path))
     if recorded is None:
         return noted(read_config(arguments.config, [*arguments.words, *words], arguments.effects))
     print(f'note: parameters as recorded in {path} (--config FILE gives others)', file=sys.stderr)

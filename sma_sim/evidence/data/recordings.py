@@ -17,8 +17,8 @@ from sma_sim.evidence.data.noise import noise_by_channel
 from sma_sim.evidence.data.quasi_static import error_by_temperature, temperature_error
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, CHANNELS_OF, Dataset, Recording, Vector, in_order
 from sma_sim.evidence.data.repeatability import with_bench
+from sma_sim.evidence.data.rosbag.bag_files import is_bag
 from sma_sim.evidence.data.rosbag.commands import NODE_LIMITS, CommandLimits
-from sma_sim.evidence.data.rosbag.raw_messages import is_bag
 from sma_sim.evidence.data.sources import COLUMNS_BY_SYSTEM, checked_noise, read_noise_file, read_source, recordings_in
 from sma_sim.model.argument_checks import checked
 from sma_sim.model.effects.ports import CHANNELS

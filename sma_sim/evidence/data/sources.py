@@ -25,9 +25,8 @@ from sma_sim.evidence.data.foreign_columns import (
     unit_of,
 )
 from sma_sim.evidence.data.recording import HIDDEN_COLUMN, NEEDED_COLUMNS, OfSystems
+from sma_sim.evidence.data.rosbag.bag_files import is_bag
 from sma_sim.evidence.data.rosbag.commands import CommandLimits
-from sma_sim.evidence.data.rosbag.raw_messages import is_bag, open_bag
-from sma_sim.evidence.data.rosbag.reader import columns_of_bag
 from sma_sim.evidence.data.table_format import TableFormat, cells_of_line, is_number, table_format
 from sma_sim.evidence.data.tables import MAX_NAMES
 from sma_sim.evidence.data.time_formats import counted_on, reader_of_column, without_clock_change, without_period
@@ -88,6 +87,9 @@ def read_bag_source(
     path: Path, system: str, mapping: ColumnMap, namespace: str | None, limits: CommandLimits
 ) -> tuple[Columns, list[str]]:
     """The columns of a bag."""
+    from sma_sim.evidence.data.rosbag.raw_messages import open_bag  # only here: tables need no library of bags
+    from sma_sim.evidence.data.rosbag.reader import columns_of_bag
+
     bag = open_bag(path)
     notes = [] if bag.whole else ['the bag breaks off: read as far as it goes']
     found = columns_of_bag(bag, namespace, known_structures()[system], limits, notes)

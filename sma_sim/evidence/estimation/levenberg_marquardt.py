@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_solve, cholesky, solve_triangular
-from scipy.optimize import lsq_linear
 
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.problem import (
@@ -74,6 +73,8 @@ def bounded_step(gradient: Vector, hessian: Matrix, damping: float, low: Vector,
     free: Vector = -cho_solve((factor, False), gradient)
     if np.all((free >= low) & (free <= high)):
         return free
+    from scipy.optimize import lsq_linear  # only here: it takes long to import, and few steps meet a bound
+
     target = -solve_triangular(factor, gradient, trans='T')
     step: Vector = lsq_linear(factor, target, (np.minimum(low, -1e-12), np.maximum(high, 1e-12)), method='bvls').x
     return np.clip(step, low, high)

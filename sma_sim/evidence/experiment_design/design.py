@@ -158,7 +158,7 @@ def next_experiment(
     sma_sim.model.errors.UserError: --between gravity: expected at least two different explanations
     """
     t_start, request = time.perf_counter(), request or DesignRequest()
-    check_design_request(training, config, request)
+    check_design_request(config, request)
     with executor_or_threads(executor) as pool, progress_in_words('designing', on_progress) as report:
         context = SearchContext(pool, Event(), report, request.folders, request.seed)
         plan = best_plan(training, hypotheses_for(training, config, request, context), request, context)
@@ -191,7 +191,7 @@ def best_plan(
     return replace(plan, further_channels=channels)
 
 
-def check_design_request(training: Dataset, config: Config, request: DesignRequest) -> None:
+def check_design_request(config: Config, request: DesignRequest) -> None:
     """Raise UserError for what cannot be designed."""
     structure = config.structure.structure
     if not structure.has_one_command:

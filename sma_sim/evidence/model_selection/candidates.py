@@ -56,7 +56,10 @@ def candidates_for(config: Config, folders: Iterable[Path] = ()) -> tuple[Candid
 def candidate_of(found: FoundEffect, every_shape: bool = False) -> Candidate:
     """All probes of one effect; `every_shape`: with all combinations of its shapes, where runs cost little."""
     shapes = [p for p in found.effect.parameters if p.neutral is None]
-    return candidate_at(found, every_combination(shapes) if every_shape else shape_grid(shapes))
+    if not every_shape:
+        return candidate_at(found, shape_grid(shapes))
+    names = [p.name for p in shapes]
+    return candidate_at(found, [dict(zip(names, values, strict=True)) for values in product(*map(shape_values, shapes))])
 
 
 def candidate_at(
@@ -84,11 +87,6 @@ def at_instants(candidate: Candidate, instants: Sequence[float]) -> Candidate:
     shapes = [p for p in candidate.found.effect.parameters if p.neutral is None]
     centre = {p.name: shape_values(p)[len(shape_values(p)) // 2] for p in shapes}
     return candidate_at(candidate.found, [centre | dict.fromkeys(names, instant) for instant in instants])
-
-
-def every_combination(shapes: Sequence[Parameter]) -> list[dict[str, float]]:
-    """All combinations of the shapes' values."""
-    return [dict(zip([p.name for p in shapes], values, strict=True)) for values in product(*map(shape_values, shapes))]
 
 
 def shape_grid(shapes: Sequence[Parameter]) -> list[dict[str, float]]:

@@ -17,7 +17,6 @@ from math import inf, log, sqrt
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from sma_sim.evidence.data.noise import DIFFERENCE_ORDER, difference_scale
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset
@@ -390,6 +389,8 @@ def exchanged_commands(problem: Problem, residuals: Sequence[Rows | None]) -> It
     gains = np.array([[gain(run, rows, *other) for other in known] for run, rows in known])
     if len(known) < 2:
         return
+    from scipy.optimize import linear_sum_assignment  # only here: it takes long to import
+
     holder = dict(zip(*(at.tolist() for at in linear_sum_assignment(-gains)), strict=True))
     whose = {other: k for k, other in holder.items()}
     for at in range(len(known)):

@@ -113,14 +113,10 @@ def temperature_table(tests: Sequence[EvaluatedTest[IsobaricTest]]) -> Table:
 def cycle_table(test: EvaluatedTest[IsobaricTest]) -> Table:
     """Transformation temperatures and strains of some of the cycles of a test, and their drift."""
     measured = test.measured.cycles
-    rows = [(str(k + 1), *cycle_cells(measured[k])) for k in shown_cycles(len(measured))]
+    shown = shown_cycles(len(measured))
+    rows = [(str(k + 1), *(f'{value(measured[k]):.4g}' for value in CYCLE_VALUES.values())) for k in shown]
     rows.append(('drift', *(f'{last(measured[-1]) - last(measured[0]):+.3g}' for last in CYCLE_VALUES.values())))
     return Table(('cycle', *CYCLE_VALUES), rows, f'Cycles of {label_of(test)}')
-
-
-def cycle_cells(test: IsobaricTest) -> list[str]:
-    """The features of one cycle."""
-    return [f'{value(test):.4g}' for value in CYCLE_VALUES.values()]
 
 
 def over_cycles(test: EvaluatedTest[IsobaricTest], lines: Mapping[str, str]) -> Any:

@@ -17,10 +17,10 @@ from mcap.stream_reader import StreamReader
 from rosbags.rosbag2 import Reader
 from zstandard import ZstdError
 
-from sma_sim.evidence.data.rosbag.writer import METADATA, PROVENANCE_RECORD, BagWriter
+from sma_sim.evidence.data.rosbag.bag_files import METADATA, is_bag, storage_files
+from sma_sim.evidence.data.rosbag.writer import PROVENANCE_RECORD, BagWriter
 from sma_sim.model.errors import UserError
 
-STORAGES = ('.mcap', '.db3')
 # What a broken mcap file makes its parser stumble over.
 # Of a size that noise gives, MemoryError or OverflowError.
 PARSING_ERRORS = (
@@ -74,19 +74,6 @@ class Bag:
         return found
 
 
-def is_bag(path: Path) -> bool:
-    """Whether a path is a bag: a storage file, or a folder with metadata or with storage files named after it."""
-    if path.is_dir():
-        return (path / METADATA).is_file() or any(belongs_to_bag(path, file) for file in storage_files(path))
-    return path.suffix in STORAGES
-
-
-def belongs_to_bag(folder: Path, file: Path) -> bool:
-    """Whether a file is named as a recorder names the files of a bag: `name_0.mcap`, or `name.mcap`."""
-    name, _, number = file.stem.rpartition('_')
-    return file.stem == folder.name or name == folder.name and number.isdigit()
-
-
 def open_bag(path: Path) -> Bag:
     """A bag by its folder or one of its files. Raises UserError when it is none, or nothing in it can be read."""
     if not path.exists():
@@ -103,14 +90,6 @@ def open_bag(path: Path) -> Bag:
     except Exception:  # rosbags meets a broken file with whatever its parsing stumbles over
         contents = None
     return Bag(path, contents, provenance_of(path))
-
-
-def storage_files(path: Path) -> list[Path]:
-    """The files that hold a bag's messages, in the order of their numbers."""
-    if path.is_file():
-        return [path]
-    found = [file for file in path.iterdir() if file.suffix in STORAGES]
-    return sorted(found, key=lambda file: (len(file.name), file.name))
 
 
 def whole_messages(path: Path, topics: Collection[str] | None) -> Iterator[RawMessage]:

@@ -119,7 +119,7 @@ def interface_of_bag(bag: Bag, prefix: str, structure: Structure | None = None) 
     heating = PAIR_COMMAND
     if {f'{prefix}{WIRE_COMMAND}', f'{prefix}{WIRE_COMMAND}{APPLIED}'} & set(bag.topics()):
         heating = WIRE_COMMAND
-    names, count = joints_in(bag, f'{prefix}joint_states'), 1
+    names, count = first_message(bag, {f'{prefix}joint_states'}, JOINT_STATE, 'name'), 1
     if heating == WIRE_COMMAND:
         topics = {f'{prefix}{WIRE_COMMAND}', f'{prefix}{WIRE_COMMAND}{APPLIED}'}
         count = len(first_message(bag, topics, FLOAT64_ARRAY, 'data'))
@@ -135,11 +135,6 @@ def interface_of_bag(bag: Bag, prefix: str, structure: Structure | None = None) 
 def has_joints(names: Sequence[str], expected: Sequence[str]) -> bool:
     """Whether all expected joints are among the names, which may have a prefix."""
     return bool(expected) and (set(expected) <= set(names) or prefix_of(names, expected) != '')
-
-
-def joints_in(bag: Bag, topic: str) -> list[str]:
-    """The names in the first message with joints of a topic."""
-    return first_message(bag, {topic}, JOINT_STATE, 'name')
 
 
 def first_message(bag: Bag, topics: Collection[str], kind: str, entries: str) -> list[Any]:

@@ -17,9 +17,9 @@ from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
+from sma_sim.evidence.data.rosbag.bag_files import METADATA
 from sma_sim.model.errors import UserError
 
-METADATA = 'metadata.yaml'
 METADATA_VERSION = 9  # of rosbag2 in Jazzy and Kilted
 PROVENANCE_RECORD = 'sma_sim'  # name of the metadata record that says how a bag came about
 
