@@ -101,6 +101,18 @@ def load(path: str | Path, effects: Iterable[Effect] = (), structures: Iterable[
     )
 
 
+def pickled(value: Any) -> tuple[Any, ...]:
+    """How pickle takes a record apart, for other processes; as in files, it holds no code. Raises UserError."""
+    writer = Writer()
+    plain = writer.plain(value)
+    return unpickled, (plain, writer.objects, writer.arrays)
+
+
+def unpickled(plain: Any, objects: list[Any], arrays: Mapping[str, Any]) -> Any:
+    """The record that `pickled` took apart. Raises UserError for effects and structures of the user's own."""
+    return Reader(Path('a pickle'), arrays, objects, {}, {}).value(plain)
+
+
 class Saved:
     """For results: `save` writes a file, `load` reads it."""
 

@@ -196,6 +196,17 @@ class Config(Comparable):
             covariance=None,
         )
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        from sma_sim.model.archive import pickled  # saves configurations as part of results
+
+        return pickled(self)
+
+    def __copy__(self) -> Config:
+        return self  # nothing of it changes
+
+    def __deepcopy__(self, memo: Any) -> Config:
+        return self
+
     def with_covariance(self, covariance: ParameterCovariance | Mapping[str, RawValue] | None) -> Config:
         """The same with another covariance of its values (also by the names of a file), or none.
 

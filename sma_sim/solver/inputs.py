@@ -239,7 +239,7 @@ def with_zero_crossings(source: Input) -> tuple[Vector, NDArray[np.float64]]:
 
 def requested_times(source: Input, samples: Vector | Sequence[float] | float) -> Vector:
     """Sample times from a rate [1/s] or as given: increasing, within the input's. Raises UserError."""
-    if isinstance(samples, float | int):
+    if isinstance(samples, float | int) and not isinstance(samples, bool):
         if not 0.0 < samples < np.inf:
             raise UserError(
                 f'sample_times = {samples:g}: expected a rate of more than 0 per second, or an array of times [s]'

@@ -44,6 +44,12 @@ class Model:
     def __post_init__(self) -> None:
         expect('config', self.config, Config)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Model, (self.config,)
+
+    def __deepcopy__(self, memo: Any) -> Model:
+        return self  # nothing of it changes
+
     @cached_property
     def structure(self) -> Structure:
         """What the wires pull on."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any, NamedTuple
@@ -83,13 +83,23 @@ class Trajectory(Shown, Saved, Comparable):
         """The names of all columns: the input, what is sampled, resistances."""
         return tuple(dict.fromkeys((*self.inputs, *self.columns, *self.resistances)))
 
+    def keys(self) -> tuple[str, ...]:
+        """The names of all columns with that of time, as of a mapping: ``dict(trajectory)`` has their arrays."""
+        return ('time_s', *self.names)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.keys())
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.keys()
+
     def __getitem__(self, name: str) -> Vector:
         if name == 'time_s':
             return self.time
         for columns in (self.columns, self.inputs, self.resistances):
             if name in columns:
                 return columns[name]
-        known = ['time_s', *self.names]
+        known = self.keys()
         raise UnknownNameError(f'no column {name!r}{suggestion(name, known)}; the columns are {", ".join(known)}')
 
     def facts(self) -> Mapping[str, str]:

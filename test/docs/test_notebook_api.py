@@ -1,9 +1,12 @@
 """What a scientist does in a notebook: results that show, convert and save themselves, and mistakes that say their cure."""
 
+import copy
 import importlib.util
 import re
 import sys
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +17,7 @@ from sma_sim import Config, Dataset, FitOptions, Model, Recording, UserError, mo
 from sma_sim.evidence.estimation.calibrate import LimitReached
 from sma_sim.model.archive import MOVED, resolved
 from sma_sim.model.progress import ProgressLine
+from sma_sim.observer import Observer
 
 ROOT = Path(__file__).resolve().parents[2]
 COMMAND = module_input([0.0, 1.0, 5.0, 12.0], [0.0, 11.0, -6.0, 0.0])
@@ -120,6 +124,27 @@ def diagnosis(dataset):
     config = Config(effects=sma_sim.effects.natural_convection(scope='wire_1'))
     request = sma_sim.DiagnosisRequest(kinetics='hybrid', options=QUICK, equation=False, variants=False)
     return sma_sim.diagnose(dataset, config, request=request)
+
+
+@pytest.mark.parametrize('method', ['spawn', 'forkserver'])
+def test_configurations_go_to_other_processes(method, fitted):
+    """With effects, their scopes, priors and the covariance of a fit; a model is made anew there."""
+    chosen = [sma_sim.effects.gravity(g_y=-3.0), sma_sim.effects.radiation(scope='wire_2')]
+    config = Config({'beam.E': 2.2e9}, effects=chosen, priors={'beam.E': 1e8})
+    with ProcessPoolExecutor(1, mp_context=get_context(method)) as pool:
+        assert pool.submit(copy.copy, config).result() == config
+        assert pool.submit(copy.copy, fitted.config).result() == fitted.config
+        assert pool.submit(getattr, Model(config), 'config').result() == config
+    assert copy.deepcopy([config, Model(config)])[0] is config
+
+
+def test_a_wrong_value_of_an_effect_is_shown_as_it_is():
+    assert repr(sma_sim.effects.gravity(g_y='3')) == "gravity(g_y='3')"
+
+
+def test_columns_of_a_run_are_those_of_a_mapping(run):
+    assert 'alpha_rad' in run and 'time_s' in run and 'alpha' not in run
+    assert list(run) == list(run.keys()) == list(dict(run)) and np.array_equal(dict(run)['alpha_rad'], run['alpha_rad'])
 
 
 def test_results_that_were_saved_before_a_class_moved_are_read():
@@ -271,6 +296,12 @@ def test_a_script_from_the_page_of_the_api(tmp_path):
     assert found.values['pusher.k'] == pytest.approx(400.0, rel=1e-2)
 
 
+def jumping_observer(time):
+    observer = Observer(Config())
+    observer.update(0.0, 1.0)
+    return observer.update(time)
+
+
 WIRE = sma_sim.wire_input([0.0, 1.0], [0.0, 0.01])
 TIME, ALPHA = np.linspace(0.0, 12.0, 13), np.zeros(13)
 SHAPES = {
@@ -279,6 +310,9 @@ SHAPES = {
     'input of a wire': (lambda: simulate(Model(), WIRE, 10.0), "system 'module' takes J_eq_W, T_E_K"),
     'input of a module': (lambda: simulate(Config(system='wire'), COMMAND, 1.0), 'make it with sma_sim.wire_input'),
     'rate': (lambda: simulate(Model(), COMMAND, 0.0), 'expected a rate of more than 0 per second'),
+    'a switch for a rate': (lambda: simulate(Model(), COMMAND, True), 'expected a rate [1/s] or times (k,) [s], got True'),
+    'text for a number': (lambda: Config(effects=[sma_sim.effects.gravity(g_y='3')]), "effects.gravity.g_y = '3'"),
+    'a jump of the clock': (lambda: jumping_observer(1e6), 'make another Observer after a pause or a jump'),
     'times in words': (lambda: simulate(Model(), COMMAND, ['a']), 'sample_times: expected numbers'),
     'times outside': (lambda: simulate(Model(), COMMAND, [0.0, 99.0]), 'from 0 s at the earliest to 12 s at the latest'),
     'channel': (lambda: simulate(Model(), COMMAND, 10.0, channels='alhpa'), 'did you mean alpha'),

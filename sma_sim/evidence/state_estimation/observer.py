@@ -56,6 +56,7 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 WINDOW = 1.0  # [s] of the past into which late messages are still put
+MAX_PAUSE = 3600.0  # [s] without any message: the wires are at rest long before, and hours of steps would take minutes
 LONGEST_STEP = 0.25  # [s] over which the random walks are put in at once
 FIRST_RUN, LONGER, LONGEST_RUN = 2.0, 1.5, 20.0  # [s] of the first run; by how much each is longer; of all later ones
 LARGEST_INNOVATION = 4.0  # standard deviations; a larger one counts as if its noise were larger, so that it is no more
@@ -223,7 +224,8 @@ class Observer:
         Raises
         ------
         UserError
-            For a channel that the structure does not have, a wrong number of commands, and values that are not finite.
+            For a channel that the structure does not have, a wrong number of commands, values that are not finite, and a
+            time more than an hour after the one before.
         """
         expect('time', time, float)
         expect('measurements', measurements, Mapping[str, float] | None)
@@ -231,6 +233,12 @@ class Observer:
         event = Event(time, self._measured(measurements or {}), self._heating(J_eq), ambient)
         if not math.isfinite(time):
             raise UserError(f'time = {time}: expected a finite time [s]')
+        if self._beliefs and time > self._beliefs[-1].time + MAX_PAUSE:
+            later = time - self._beliefs[-1].time
+            raise UserError(
+                f'time = {time:g} s is {later:g} s after the one before: expected seconds, {MAX_PAUSE:g} at most; make another '
+                'Observer after a pause or a jump of the clock'
+            )
         if self._beliefs and time < self._beliefs[0].time - EARLIER:
             self.too_late += 1
             return self.estimate

@@ -82,7 +82,8 @@ class EffectChoice:
         return f'{self.effect.name}{SEPARATOR}{self.scope}' if self.scope else self.effect.name
 
     def __repr__(self) -> str:
-        given = [*([f'scope={self.scope!r}'] if self.scope else []), *(f'{n}={v:g}' for n, v in self.values.items())]
+        values = (f'{n}={v:g}' if isinstance(v, float | int) else f'{n}={v!r}' for n, v in self.values.items())
+        given = [*([f'scope={self.scope!r}'] if self.scope else []), *values]
         return f'{self.effect.name}({", ".join(given)})'
 
 
