@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from sma_sim.model.errors import UserError
@@ -28,5 +28,6 @@ def whole_file(path: Path) -> Iterator[Path]:
     except OSError as error:
         raise UserError(f'cannot write {path}: {error.strerror}') from error
     finally:
-        if is_file:
-            temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # a disk that has become read-only has said so already
+            if is_file:
+                temporary.unlink(missing_ok=True)

@@ -1,14 +1,18 @@
 """What a person reads after a mistake: what was given, what is expected, where to change it; exit code 2, no traceback."""
 
+import errno
 import math
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from sma_sim import find_effects
 from sma_sim.cli.main import main
+from sma_sim.evidence.data.tables import write_whole
+from sma_sim.model.errors import UserError
 from sma_sim.model.program_parameters import DEFAULTS
 
 
@@ -206,6 +210,18 @@ def test_full_disk(complaint, step):
     with pytest.raises(tables.UserError, match='cannot write .*full'):
         tables.write_whole(step.parent / 'full', lambda file: (_ for _ in ()).throw(OSError(28, 'No space left on device')))
     assert not list(step.parent.glob('.*.part'))
+
+
+def test_a_disk_that_has_become_read_only(tmp_path, monkeypatch):
+    """As an SD card does; not even a removal is allowed then, and a guard that saves its counters goes on."""
+
+    def refuse(*words, **named):
+        raise OSError(errno.EROFS, 'Read-only file system')
+
+    for name in ('open', 'unlink', 'replace'):
+        monkeypatch.setattr(Path, name, refuse)
+    with pytest.raises(UserError, match='cannot write .*: Read-only file system'):
+        write_whole(tmp_path / 'counters.json', lambda file: file.write('{}'))
 
 
 OWN = """

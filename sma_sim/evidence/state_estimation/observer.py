@@ -236,8 +236,8 @@ class Observer:
         if self._beliefs and time > self._beliefs[-1].time + MAX_PAUSE:
             later = time - self._beliefs[-1].time
             raise UserError(
-                f'time = {time:g} s is {later:g} s after the one before: expected seconds, {MAX_PAUSE:g} at most; make another '
-                'Observer after a pause or a jump of the clock'
+                f'time = {time:g} s is {later:g} s after the one before: expected seconds, {MAX_PAUSE:g} at most; make '
+                'another Observer after a pause or a jump of the clock'
             )
         if self._beliefs and time < self._beliefs[0].time - EARLIER:
             self.too_late += 1
