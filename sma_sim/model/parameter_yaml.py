@@ -63,6 +63,10 @@ def read_yaml(path: Path, node: str | None = None) -> dict[str, Any]:
     content = load(path)
     sections = list(sections_of(content, path))
     if not sections:
+        for key, value in content.items():
+            if str(key).startswith('/') and isinstance(value, Mapping):
+                below = ', '.join(map(str, value))
+                raise ConfigError(f'{path}: {key} is the name of a node: expected {SECTION} below it, got {below}')
         return content
     for key, value in content.items():
         if not list(sections_of({key: value}, path)):

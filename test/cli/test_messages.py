@@ -110,6 +110,7 @@ def test_wrong_words(complaint, words, message):
         ('wire: [1, 2', 'is not YAML'),
         ('- 1\n- 2\n', 'expected a mapping of parameters, got list'),
         ('/**:\n  ros__parameters: 3\n', 'expected a mapping below ros__parameters, got int'),
+        ('/**:\n  ros__parameter:\n    model: mas\n', 'expected ros__parameters below it, got ros__parameter'),
         ('wire:\n  E_a: 1.0e9\n', 'unknown parameter wire.E_a'),
         ('effects:\n  active: [1, 2]\n', 'effects.active = [1, 2]'),
         ('effects:\n  active: 3\n', 'expected a list of names'),
