@@ -170,7 +170,7 @@ def rank_of(candidate: CandidateFit, ratios: Mapping[str, float]) -> dict[str, A
         'held_out_error_ratio': ratios.get(candidate.name, candidate.error_ratio),
         'parameters': {
             name: {'value': value, 'std': std.get(name), 'unit': units[name]}
-            for name, value in candidate.fit.values_of(candidate.name).items()
+            for name, value in candidate.fit.seen_values_of(candidate.name).items()
         },
         'plausible': candidate.plausible,
         'confounded_with': tuple(dict.fromkeys(plain_names(candidate.indistinguishable))),

@@ -276,6 +276,10 @@ def test_the_verdict_for_programs(with_gravity):
     assert [step['effects'] for step in data['error']] == [[], ['gravity']]
     assert set(data['error'][0]['channels']) == set(NOISE) == set(data['noise_std'])
     assert data['parameters']['effects.gravity.g_y'] < -9.0 and data['seconds'] > 0.0
+    biases = [one['parameters'] for one in data['ranking'] if one['effect'] == 'sensor_bias']
+    assert biases and all(set(parameters) <= set(NOISE) for parameters in biases), (
+        'no bias of the stress of a wire on a bench'
+    )
     assert any('gravity.g_y' in line and 'realistic' in line for line in as_text(found))
 
 

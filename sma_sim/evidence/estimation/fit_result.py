@@ -77,3 +77,9 @@ class FitResult:
         """The fitted parameters of one effect, by their short names (SI)."""
         prefix = f'effects.{effect}.'
         return {name.removeprefix(prefix): value for name, value in self.values.items() if name.startswith(prefix)}
+
+    def seen_values_of(self, effect: str) -> dict[str, float]:
+        """Of what shows in a recording: the rest, such as the bias of a channel that is not there, has its prior."""
+        measured = {channel for run in self.problem.runs for channel in run.channels}
+        found = {one.found.effect.name: one.found.effect for one in self.problem.config.effects}[effect]
+        return {name: value for name, value in self.values_of(effect).items() if found.is_seen(name, measured)}

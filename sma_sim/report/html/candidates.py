@@ -56,7 +56,7 @@ def outcome(step: SelectionStep) -> str:
 def fitted_values(candidate: CandidateFit) -> str:
     """The fitted values of an effect with their units."""
     units = {parameter.name: parameter.unit for parameter in candidate.found.effect.parameters}
-    values = candidate.fit.values_of(candidate.name).items()
+    values = candidate.fit.seen_values_of(candidate.name).items()
     return ', '.join(f'{name} = {value:.3g} {units[name]}'.removesuffix(' -') for name, value in values)
 
 

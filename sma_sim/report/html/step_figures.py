@@ -58,7 +58,7 @@ def over_noise(run: ComparedRun, channel: str, at: object) -> object:
 
 def range_plots(candidate: CandidateFit) -> list[Plot]:
     """A figure per fitted parameter of an effect: value and 95 % interval beside what is realistic."""
-    fitted = candidate.fit.values_of(candidate.name)
+    fitted = candidate.fit.seen_values_of(candidate.name)
     stds = {name.rpartition('.')[2]: std for name, std in candidate.std.items() if f'.{candidate.name}.' in name}
     return [
         range_plot(parameter, fitted[parameter.name], stds.get(parameter.name, math.nan))
