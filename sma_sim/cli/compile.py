@@ -8,6 +8,9 @@ from typing import Any
 from sma_sim.cli.common.commands import add_command
 from sma_sim.cli.common.options import announce_first_compilation
 from sma_sim.compiler.compile import cache_folder, content_key, is_interpreted
+from sma_sim.evidence.control.predictive import PredictiveController
+from sma_sim.evidence.state_estimation.observer import Observer
+from sma_sim.model.config import Config
 from sma_sim.solver.first_start import SIMULATION, TANGENTS
 from sma_sim.solver.warm_up import compile_fixed_rate, compile_simulation, compile_tangents
 
@@ -26,6 +29,8 @@ def run(_: argparse.Namespace) -> int:
     compile_simulation()
     compile_tangents()
     compile_fixed_rate()
+    Observer(Config())
+    PredictiveController(Config())
     if is_interpreted():
         print('Nothing is compiled, because NUMBA_DISABLE_JIT is set.')
     else:

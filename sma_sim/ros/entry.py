@@ -40,6 +40,8 @@ ROS arguments come after --ros-args:
   -r __ns:=/NAME       the namespace of the topics
   -r FROM:=TO          another name for a topic
 Ctrl-C ends the node. Exit code: 0 when stopped, 2 for wrong arguments or parameters, 1 for a failed run."""
+SLOW_START = 3.0  # [s] after which a start is said to go on
+STILL_STARTING = 'loading its code; the first start on a machine compiles it, once (`sma-sim compile` does so beforehand)'
 LAST_ROUNDS = 20  # of the executor after the end, in which requests that still waited are answered
 WRONG_ARGUMENTS = ('RCLError', 'RCLInvalidROSArgsError', 'UnknownROSArgsError')  # what rclpy raises for them
 
@@ -234,7 +236,13 @@ def serve_node(
     )
     config = configure(node, program.live, in_files)
     overrides = take_overrides(node)
-    runner = make(node, config, bool(node.get_parameter('use_sim_time').value))
+    slow = threading.Timer(SLOW_START, lambda: node.get_logger().info(STILL_STARTING))
+    slow.daemon = True
+    slow.start()
+    try:
+        runner = make(node, config, bool(node.get_parameter('use_sim_time').value))
+    finally:
+        slow.cancel()
     warn_of_unused(node, overrides)
     prepare_logging()
     working.set()

@@ -56,3 +56,25 @@ def test_ctrl_c_is_heard_before_anything_is_loaded_that_takes_long(node):
 def test_arguments_of_ros_are_those_between_its_marks():
     assert outside_ros_args(['--ros-args', '-p', 'a:=1', '--', '--ros-args', '-r', '__ns:=/b']) == []
     assert outside_ros_args(['a', '--ros-args', '-p', 'b', '--', 'c']) == ['a', 'c']
+
+
+SLOW = """
+import sys, time
+from sma_sim.ros import entry
+from sma_sim.ros.main import PROGRAM
+
+class Runner:
+    def __init__(self, *_): time.sleep(float(sys.argv[1]))
+    def begin(self, stop): pass
+    def spin(self, stop): pass
+    def close(self): pass
+
+entry.SLOW_START = 0.5
+sys.exit(entry.run_node(PROGRAM, Runner, []))
+"""
+
+
+@pytest.mark.parametrize(('seconds', 'told'), [(0.0, False), (3.0, True)])
+def test_a_start_that_takes_long_says_so(seconds, told):
+    done = subprocess.run([sys.executable, '-c', SLOW, str(seconds)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and ('first start on a machine compiles it' in done.stdout + done.stderr) == told

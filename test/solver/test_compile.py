@@ -329,6 +329,18 @@ def test_compile_leaves_nothing_for_the_first_start(capsys):
     assert 'native code is in' in said.out or 'Nothing is compiled' in said.out
 
 
+OF_NODES = """
+import sma_sim
+from sma_sim.control import PredictiveController
+from sma_sim.observer import Observer
+from sma_sim.solver.warm_up import compile_fixed_rate
+
+compile_fixed_rate()
+Observer(sma_sim.Config()).update(0.0, 1.0, {'alpha': 0.0})
+PredictiveController(sma_sim.Config()).step(0.0, {'alpha': 0.0}, lambda times: 0.0 * times)
+"""
+
+
 @pytest.mark.slow
 def test_nothing_is_compiled_after_compile(tmp_path):
     environment = os.environ | {'XDG_CACHE_HOME': str(tmp_path)}
@@ -338,6 +350,5 @@ def test_nothing_is_compiled_after_compile(tmp_path):
     )
     assert 'compiling' in first.stderr and str(tmp_path) in first.stdout and second.stderr == ''
     files = sorted(tmp_path.rglob('*.nb?'))
-    words = ['-c', 'from sma_sim.solver.warm_up import compile_fixed_rate; compile_fixed_rate()']
-    subprocess.run([sys.executable, *words], cwd=ROOT, env=environment, check=True)
+    subprocess.run([sys.executable, '-c', OF_NODES], cwd=ROOT, env=environment, check=True)
     assert files and sorted(tmp_path.rglob('*.nb?')) == files
