@@ -35,7 +35,7 @@ from sma_sim.ros.joint_path import Held, JointPath, RefusedError, check
 from sma_sim.ros.messages import Messages
 from sma_sim.ros.parameters import follow_live_parameters
 from sma_sim.ros.qos import LAST_FEW, make_publisher, make_subscription
-from sma_sim.ros.robot_subscriptions import RobotSubscriptions, Sample, robot_topics
+from sma_sim.ros.robot_subscriptions import MAX_DELAY, RobotSubscriptions, Sample, robot_topics
 from sma_sim.solver.simulate import SimulationError
 
 Vector = NDArray[np.float64]
@@ -72,7 +72,7 @@ class ModelController:
         self._target: Held | JointPath | None = None
         if config.settings['control.hold']:
             self._heard.append(Float64(data=given['control.target']))
-        self._robot = RobotSubscriptions(node, config, 0.0)
+        self._robot = RobotSubscriptions(node, config, 0.0, MAX_DELAY)
         self._diagnostics = Diagnostics(node, 'controller of the robot')
         self._graph_check = GraphCheck(node, [self.topic], {**robot_topics(structure), **asked})
         self._input = [0.0] * len(structure.commands)
@@ -195,7 +195,7 @@ class ModelController:
         return Float64(data=J) if self._pair else self._messages.heating([J])
 
     def _diagnose(self) -> None:
-        problems = [*self._graph_check.problems(), *self._robot.silence(self._silence)]
+        problems = [*self._graph_check.problems(), *self._robot.silence(self._silence), *self._robot.overload()]
         state = (
             'waiting for a target' if self._target is None else 'following' if self._before else 'waiting for joint_states'
         )
@@ -204,6 +204,7 @@ class ModelController:
             'commands': self._commands,
             'starts': self._starts,
             'longest step [ms]': f'{1e3 * self._longest:.1f}',
+            **self._robot.passed_over(),
             **self._robot.rejected(),
         }
         self._longest = 0.0

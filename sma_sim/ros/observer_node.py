@@ -22,11 +22,10 @@ from sma_sim.ros.graph_check import GraphCheck
 from sma_sim.ros.messages import Messages, stamp_of
 from sma_sim.ros.parameters import follow_live_parameters
 from sma_sim.ros.qos import LAST_FEW, make_publisher
-from sma_sim.ros.robot_subscriptions import RobotSubscriptions, Sample, robot_topics, wire_names
+from sma_sim.ros.robot_subscriptions import MAX_DELAY, RobotSubscriptions, Sample, robot_topics, wire_names
 
 POLL_PERIOD = 0.002  # [s] between two looks for samples
 SILENCE = 1.0  # [s] without a sample after which it is said
-MAX_DELAY = 0.02  # [s] by which an estimate may be late before samples are passed over: the guard needs it now
 RESTART_AFTER = 10.0  # [s] by which stamps go back or forth after which the observer starts anew
 INCONSISTENT = 9.0  # squared innovation over its variance, in the mean: the robot is not what the observer takes it for
 PREFIX = 'estimated/'
@@ -62,9 +61,9 @@ class WireObserver:
         self._topics = {name: make_publisher(node, kind, name, LAST_FEW) for name, kind in topics.items()}
         self._diagnostics = Diagnostics(node, 'observer of the wires')
         self._graph_check = GraphCheck(node, list(topics), robot_topics(structure))
-        self._robot = RobotSubscriptions(node, config, config.parameters['observer.latency'])
+        self._robot = RobotSubscriptions(node, config, config.parameters['observer.latency'], MAX_DELAY)
         self._input = [0.0] * (len(structure.input_columns) - 1)
-        self._samples = self._starts = self._skipped = 0
+        self._samples = self._starts = 0
         follow_live_parameters(node, {ENVIRONMENT: self._robot.apply_T_E}, use_sim_time)
 
     def _fresh(self) -> None:
@@ -84,9 +83,6 @@ class WireObserver:
 
     def _take(self, now: Sample) -> None:
         """Take a sample, which may be older than the one before, and publish the estimate."""
-        if self._robot.waiting and self._robot.delay_of(now) > MAX_DELAY:
-            self._skipped += 1  # commands since the last sample that was taken count for the next one
-            return
         before = self._before
         if before is not None and abs(now.stamp - before.stamp) > RESTART_AFTER * 1e9:
             self._logger.warning(
@@ -137,7 +133,7 @@ class WireObserver:
         self._topics[f'{PREFIX}wire_modes'].publish(self._messages.wire_modes(estimate.modes.tolist()))
 
     def _diagnose(self) -> None:
-        problems = [*self._graph_check.problems(), *self._robot.silence(SILENCE)]
+        problems = [*self._graph_check.problems(), *self._robot.silence(SILENCE), *self._robot.overload()]
         values: dict[str, Any] = {}
         if self._samples and not math.isnan(self._observer.time):
             estimate = self._observer.estimate
@@ -153,10 +149,10 @@ class WireObserver:
         values |= {
             'samples': self._samples,
             'samples waiting': self._robot.waiting,
-            'samples passed over': self._skipped,
             'messages that came too late': self._observer.too_late,
             'starts': self._starts,
             'restarts of the model': self._observer.restarts,
+            **self._robot.passed_over(),
             **self._robot.rejected(),
         }
         state = 'observing' if self._samples else 'waiting for joint_states'

@@ -37,6 +37,7 @@ Vector = NDArray[np.float64]
 Queue = deque[tuple[int, Any]]
 
 REMINDER_PERIOD = 10.0  # [s] between two warnings of what lasts
+MAX_DELAY = 0.02  # [s] for a node that acts on the robot: a period of a command
 MAX_QUEUED_MESSAGES = 10_000  # messages of a topic; older ones give way
 SENSOR_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)  # hears reliable publishers too
 COMMAND_DEPTH = 100
@@ -86,12 +87,15 @@ def wire_names(structure: Structure) -> list[str]:
 class RobotSubscriptions:
     """Subscriptions to a robot. They fill queues in the executor's thread; another thread takes from them.
 
-    `latency` [s] is how long a sample waits for what belongs to it, check.latency where nothing is said. Raises UserError
-    for names of joints that are not different.
+    `latency` [s] is how long a sample waits for what belongs to it, check.latency where nothing is said. One that is later
+    than that by `max_delay` [s] is passed over where another one waits: what acts on a robot has to know it as it is now.
+    Raises UserError for names of joints that are not different.
     """
 
-    def __init__(self, node: Node, config: Config, latency: float | None = None) -> None:
+    def __init__(self, node: Node, config: Config, latency: float | None = None, max_delay: float = math.inf) -> None:
         parameters, structure = config.parameters, config.structure.structure
+        self._max_delay = max_delay * 1e9
+        self._passed_over = self._told_of = 0
         self._logger, self._structure = node.get_logger(), structure
         self._names = [str(config.settings[f'check.name_{joint}']) for joint in structure.coordinate_names]
         if len(set(self._names)) < len(self._names):
@@ -127,14 +131,14 @@ class RobotSubscriptions:
         """Samples that arrived and were not yet taken."""
         return len(self._samples)
 
-    def delay_of(self, sample: Sample) -> float:
-        """How much later than its latency a sample is taken now [s]."""
-        return (time.time_ns() - sample.arrival - self._latency) / 1e9
-
     def ready(self) -> Iterator[Sample]:
         """Samples that have waited for the latency, in the order of their arrival."""
-        while self._samples and not 0 <= time.time_ns() - self._samples[0].arrival < self._latency:
-            yield self._samples.popleft()
+        while self._samples and not 0 <= (age := time.time_ns() - self._samples[0].arrival) < self._latency:
+            sample = self._samples.popleft()
+            if self._samples and age > self._latency + self._max_delay:
+                self._passed_over += 1  # commands since the last one that was taken count for the next
+                continue
+            yield sample
 
     def follow(
         self,
@@ -160,6 +164,19 @@ class RobotSubscriptions:
                 diagnose_at += DIAGNOSTICS_PERIOD
                 diagnose()
             time.sleep(poll_period)
+
+    def passed_over(self) -> dict[str, int]:
+        """How many samples were passed over, in words."""
+        return {'samples passed over': self._passed_over}
+
+    def overload(self) -> list[str]:
+        """What is wrong where samples were passed over since the last call, which the log says too."""
+        count, self._told_of = self._passed_over - self._told_of, self._passed_over
+        if not count:
+            return []
+        words = f'joint_states come faster than this computer takes them: {count} passed over'
+        self._logger.warning(words, throttle_duration_sec=REMINDER_PERIOD)
+        return [words]
 
     def silence(self, longest: float) -> list[str]:
         """What is wrong where no sample was ready for more than `longest` [s], which the log says too."""

@@ -7,10 +7,12 @@ import pytest
 
 ros_client = pytest.importorskip('ros_client', reason='rclpy is not installed', exc_type=ImportError)
 import rclpy  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Float64  # noqa: E402
 
 from sma_sim import Config  # noqa: E402
 from sma_sim.evidence.monitoring.live_model import J_EQ  # noqa: E402
+from sma_sim.ros.messages import stamp_of  # noqa: E402
 from sma_sim.ros.robot_subscriptions import RobotSubscriptions, Sample  # noqa: E402
 
 
@@ -44,3 +46,28 @@ def test_stamps_of_commands_come_from_their_arrival_between_two_samples():
         assert 'commands later than check.latency' not in intake.rejected()
         assert changes_at((half, 40_000), (2 * half, 50_000))[0].stamp == 40_000
         assert intake.rejected()['commands later than check.latency'] == 1
+
+
+@pytest.mark.parametrize(('max_delay', 'taken'), [({}, [1, 2, 3, 4, 5]), ({'max_delay': 0.02}, [5])])
+def test_a_node_that_acts_takes_the_last_of_samples_that_are_late(max_delay, taken):
+    """A controller that answers every sample in turn, slower than they come, acts on a robot of long ago."""
+    with ros_client.listener(ros_client.any_domain()) as node:
+        intake = RobotSubscriptions(node, Config(), 0.0, **max_delay)
+        publisher = node.create_publisher(JointState, 'joint_states', 10)
+        executor = rclpy.executors.SingleThreadedExecutor(context=node.context)
+        executor.add_node(node)
+        end = time.monotonic() + ros_client.REACTION
+        while publisher.get_subscription_count() == 0:
+            assert time.monotonic() < end
+            executor.spin_once(timeout_sec=0.05)
+        for stamp in range(1, 6):
+            message = JointState(name=['U_x', 'U_y', 'alpha'], position=[0.0, 0.0, 0.0])
+            message.header.stamp = stamp_of(stamp)
+            publisher.publish(message)
+        while intake.waiting < 5:
+            assert time.monotonic() < end
+            executor.spin_once(timeout_sec=0.05)
+        time.sleep(0.1)
+        assert [sample.stamp for sample in intake.ready()] == taken
+        assert intake.passed_over() == {'samples passed over': 5 - len(taken)}
+        assert len(intake.overload()) == (len(taken) < 5) and not intake.overload()
