@@ -234,9 +234,9 @@ class Observer:
         if not math.isfinite(time):
             raise UserError(f'time = {time}: expected a finite time [s]')
         if self._beliefs and time > self._beliefs[-1].time + MAX_PAUSE:
-            later = time - self._beliefs[-1].time
+            pause = time - self._beliefs[-1].time
             raise UserError(
-                f'time = {time:g} s is {later:g} s after the one before: expected seconds, {MAX_PAUSE:g} at most; make '
+                f'time = {time:g} s is {pause:g} s after the one before: expected seconds, {MAX_PAUSE:g} at most; make '
                 'another Observer after a pause or a jump of the clock'
             )
         if self._beliefs and time < self._beliefs[0].time - EARLIER:
