@@ -18,7 +18,7 @@ from sma_sim.model.parameters import Parameter
 from sma_sim.model.shown import joined_words
 from sma_sim.words.diagnosis_data import above_first, amounts, models, probabilities
 from sma_sim.words.fit_remarks import agreement_sentence, implausible_sentence, misfit_sentence, other_minima
-from sma_sim.words.nuisances import nuisance_sentences
+from sma_sim.words.nuisances import ambient_sentence, nuisance_sentences
 from sma_sim.words.probabilities import probability_lines
 from sma_sim.words.proposed_equation import describes, error_number, proposed_text
 from sma_sim.words.set_up import set_up_sentences
@@ -169,6 +169,8 @@ def remarks(diagnosis: Diagnosis) -> Iterator[str]:
     yield from removed_lines(diagnosis)
     yield from implausible_lines(diagnosis)
     yield from nuisance_sentences(diagnosis.calibration, diagnosis.findings)
+    if (sentence := ambient_sentence(diagnosis.calibration)) and not any(one.ambient for one in diagnosis.differences):
+        yield sentence
     if sentence := misfit_sentence(diagnosis.calibration.error):
         yield sentence
     yield from other_minima(diagnosis.calibration)

@@ -12,7 +12,7 @@ from sma_sim.evidence.estimation.plausibility import ImplausibleParameter
 from sma_sim.evidence.estimation.run_estimates import DISAGREE, MIN_P, ParameterByRun, disagreement
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95, RULED_OUT
 from sma_sim.model.config import AUTO, Config
-from sma_sim.words.nuisances import offset_sentences
+from sma_sim.words.nuisances import ambient_sentence, offset_sentences
 
 MISFIT = 1.3  # normalized RMSE above which a model lacks something: noise that was estimated may be off by as much
 ONE_START = 'from one starting point: other minima were not looked for'
@@ -30,6 +30,7 @@ def remarks_on(found: Calibration) -> list[str]:
     remarks += [starts_sentence(found.other_starts) or ONE_START, *other_minima(found)]
     remarks.append(kinetics_sentence(found.config, found.kinetics))
     remarks += offset_sentences(found)
+    remarks += [sentence] if (sentence := ambient_sentence(found)) else []
     if any(fit.zero for fit in found.runs):
         zeros = ', '.join(f'{fit.name} {1e6 * fit.zero:.0f}' for fit in found.runs if fit.quasi_static)
         remarks.append(f'zero of the strain gauge, estimated for each recording [1e-6]: {zeros}')
@@ -63,7 +64,7 @@ def other_minima(found: Calibration) -> list[str]:
         if moved and start.log_odds < DECISIVE:
             part = '; the intervals hold these values too' if start.log_odds < RULED_OUT else ''
             words.append(f'another minimum is nearly as probable (log odds {start.log_odds:.1f}): {", ".join(moved)}{part}')
-    return words
+    return list(dict.fromkeys(words))  # several starts may have led there
 
 
 def starts_sentence(others: Sequence[OtherStart]) -> str:
@@ -84,7 +85,7 @@ def delay_sentence(found: Calibration) -> str:
     words += '' if isnan(std) else f' ({1e3 * (delay - GAUSS_95 * std):.3g} to {1e3 * (delay + GAUSS_95 * std):.3g})'
     if abs(delay) <= 0.5 * interval:
         return f'{words}, within half a sampling interval ({1e3 * interval:.3g} ms): no finding'
-    return words
+    return f'{words}: the interval holds 0, no finding' if abs(delay) <= GAUSS_95 * std else words
 
 
 def agreement_sentence(found: Sequence[ParameterByRun], is_misfit: bool = False) -> str:

@@ -21,6 +21,12 @@ def offset_sentences(found: Calibration) -> list[str]:
     return sentences
 
 
+def ambient_sentence(found: Calibration) -> str:
+    """The ambient temperature of each recording where that was not known; empty where it was."""
+    shown = ', '.join(f'{run.name} {run.ambient:+.2f}' for run in found.runs if run.ambient_std > 0.0)
+    return f'ambient temperature above that of the recording, estimated for each [K]: {shown}' if shown else ''
+
+
 def given_effects(found: Calibration, findings: Collection[str]) -> list[ActiveEffect]:
     """The active effects that are no `findings`: the model had them from the start."""
     return [active for active in found.config.effects if active.found.effect.name not in findings]

@@ -6,7 +6,13 @@ from simulated_data import config as module
 
 from sma_sim import FitOptions, Input, Recording, read_config
 from sma_sim.evidence.estimation.free_parameters import choose_free
-from sma_sim.evidence.estimation.plausibility import MATERIALS, implausible_parameters, material_of, usual_ranges
+from sma_sim.evidence.estimation.plausibility import (
+    MATERIALS,
+    implausible_parameters,
+    material_of,
+    usual_ranges,
+    with_usual_limits,
+)
 from sma_sim.evidence.estimation.residuals import SOFTEST, ZERO_LIMIT, fit_data
 from sma_sim.model.errors import UserError
 from sma_sim.words.fit_remarks import implausible_sentence
@@ -29,6 +35,19 @@ def test_transformation_temperatures_tell_the_material(T0, name):
     config = read_config(words=[*WIRE, f'wire.T0={T0}'])
     assert material_of(config) is MATERIALS[name] and material_of(config, 'actuator') is MATERIALS['actuator']
     assert material_of(module()) is None
+
+
+def test_limits_hold_what_is_usual_where_nothing_was_stated():
+    """Natural convection from a wire of 0.4 mm is 22 W/(m^2 K): a twentieth of the default, which is another robot's."""
+    base = read_config(words=['system=wire', 'wire.r0=1.9e-4'])
+    (plain,), (usual,) = (free := choose_free(base, ['wire.lambda'])[0]), with_usual_limits(free, base)
+    assert plain.value(plain.low) > 22.0 > usual.value(usual.low) and usual.value(usual.high) > plain.value(plain.high)
+    stated = read_config(words=['system=wire', 'wire.r0=1.9e-4', 'wire.lambda=100'])
+    free, _ = choose_free(stated, ['wire.lambda'])
+    assert with_usual_limits(free, stated) == free
+    assert (
+        with_usual_limits(choose_free(module(), ['wire.lambda'])[0], module()) == choose_free(module(), ['wire.lambda'])[0]
+    )
 
 
 def test_a_wire_of_another_make_is_plausible_and_what_no_wire_has_is_not():

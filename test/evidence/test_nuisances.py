@@ -12,7 +12,7 @@ from sma_sim.evidence.estimation.calibrate import problem_for
 from sma_sim.evidence.estimation.held_out_prediction import evaluate_held_out
 from sma_sim.evidence.estimation.prepared_fit import prepare
 from sma_sim.solver.inputs import inputs_at
-from sma_sim.words.nuisances import nuisance_data, nuisance_sentences
+from sma_sim.words.nuisances import ambient_sentence, nuisance_data, nuisance_sentences
 
 ALLOY = (
     'wire.E_A=4e10',
@@ -29,14 +29,19 @@ OFFSETS = ((2e6, -6e6), (-1e6, 4e6), (0.0, 5e6))  # [Pa] zeros of recordings, an
 NOISE = {'stress': 1e5, 'T': 0.05}
 
 
-def heated(folder, scale=1.0, effects=(), offsets=((0.0, 0.0),) * 3):
-    """A clamped wire, heated by steps: `scale` times the power of the file; with what the bench adds."""
+def heated(folder, scale=1.0, effects=(), offsets=((0.0, 0.0),) * 3, rooms=(0.0,) * 3):
+    """A clamped wire, heated by steps: `scale` times the power of the file, in rooms [K] off; with what the bench adds."""
     config, paths = read_config(words=BENCH, effects=effects), []
     for k, levels in enumerate(((0.3, 0.6), (0.5, 0.2), (0.15, 0.45))):
         times = np.array([0.0, 2.0, 10.0, 18.0, 30.0])
         power = np.array([0.0, *levels, 0.0, 0.0])
         values = np.column_stack([np.full(5, 0.02), power, np.full(5, 298.0)])
-        source = Input(times, values * [1.0, scale, 1.0], (True, False, False), config.structure.structure.input_columns)
+        source = Input(
+            times,
+            values * [1.0, scale, 1.0] + [0.0, 0.0, rooms[k]],
+            (True, False, False),
+            config.structure.structure.input_columns,
+        )
         t, random = np.arange(0.0, 30.0, 0.1), np.random.default_rng(k)
         run = simulate(Model(config), source, t)
         zero, drift = offsets[k]
@@ -54,6 +59,28 @@ def dataset_of(paths, mapping, system='wire', noise=NOISE):
     path = paths[0].with_name('map.yaml')
     path.write_text(f'system: wire\n{mapping}\n')
     return read_dataset(paths, system, 298.0, path, noise)
+
+
+def test_rooms_that_nobody_measured(tmp_path):
+    """A map says how far they may be off: they come back, and lambda is not bent by them."""
+    rooms = (-2.0, 1.5, 3.0)
+    paths = heated(tmp_path, rooms=rooms)
+    options = FitOptions(free=('wire.lambda', 'wire.c_V'), kinetics='hybrid', starts=1)
+    start = read_config(words=BENCH)
+    plain = calibrate(dataset_of(paths, ''), start, options)
+    assert plain.error > 10.0 and not ambient_sentence(plain)
+    known = dataset_of(paths, 'T_E_K: {column: T_E_K, zero_std: 3.0}')
+    assert [one.ambient_std for one in known.recordings] == [3.0] * 3
+    found = calibrate(known, start, options)
+    assert found.error == pytest.approx(1.0, abs=0.05)
+    assert [run.ambient for run in found.runs] == pytest.approx(rooms, abs=0.1)
+    lambda_ = found.intervals['wire.lambda']
+    assert lambda_.low < start.parameters['wire.lambda'] < lambda_.high
+    assert 'run0 -2.0' in ambient_sentence(found) and 'run2 +3.0' in ambient_sentence(found)
+    constant = dataset_of(paths, 'T_E_K: {value: 298.0, zero_std: 3.0}')
+    assert constant.recordings[0].ambient_std == 3.0
+    with pytest.raises(UserError, match='belong to measured columns'):
+        dataset_of(paths, 'T_E_K: {column: T_E_K, zero_std: 3.0, drift_std: 1.0}')
 
 
 def test_a_drifting_zero_is_that_of_the_load_cell(tmp_path):

@@ -249,7 +249,8 @@ def fill_inputs(file: SourceFile, columns: dict[str, Vector], notes: list[str]) 
             columns[name] = np.zeros(rows)
     if 'T_E_K' not in columns or not np.isfinite(columns['T_E_K']).any():
         if heat_matters:
-            notes.append(f'T_E_K is not recorded: taken as {file.T_E:g} K')
+            say = f'T_E_K: {{value: {file.T_E:g}, zero_std: KELVIN}}'
+            notes.append(f'T_E_K is not recorded: taken as {file.T_E:g} K; a map says how far it may be off: {say}')
         columns['T_E_K'] = np.full(rows, file.T_E)
     for name in file.heating if not file.stamped else ():  # what has a stamp of its own was commanded
         discard_spikes(name, columns, notes)

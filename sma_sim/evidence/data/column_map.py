@@ -218,7 +218,8 @@ def parsed_origin(path: Path, name: str, entry: Any, names: Sequence[str]) -> Or
         raise UserError(f'{where}, scale: expected a number other than 0')
     for key in POSITIVE_KEYS:
         checked_positive(where, key, numbers.get(key, 0.0))
-    if 'value' in entry and len(entry) > 1:
+    beside = {*entry} - {'value'} - ({'zero_std'} if name == 'T_E_K' else set())
+    if 'value' in entry and beside:
         raise UserError(f'{where}: a value is in SI units already, and is not measured; remove what stands beside it')
     origin = Origin(
         str(column) if 'column' in entry else None,

@@ -18,8 +18,10 @@ from sma_sim.evidence.data.column_map import INDEPENDENT_AFTER, ColumnMap
 from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording, Vector
 from sma_sim.model.errors import UserError
+from sma_sim.model.structures.discovery import known_structures
 
 SAME_COMMAND = 0.02  # of the energy that was commanded: two recordings repeat each other as long as it differs by less
+AMBIENT = 'T_E_K'  # the column whose zero is that of the ambient temperature of each recording
 MIN_COMMON, COMPARED = 0.25, 1000  # part of the shorter recording that must be common; instants that are compared
 VISIBLE = 3.0  # times the noise: floors below are not told
 
@@ -38,6 +40,8 @@ def with_bench(dataset: Dataset, mapping: ColumnMap) -> Dataset:
     """The dataset with what its map says of the bench, and notes on it. Raises UserError."""
     channels = {column: name for name, column in CHANNEL_COLUMNS.items()}
     stated = {name: entry for name, entry in mapping.origins.items() if entry.zero_std or entry.drift_std or entry.floor}
+    room = stated.get(AMBIENT)
+    ambient_std = stated.pop(AMBIENT).zero_std if room and room.unknown == (room.zero_std, 0.0, 0.0) else 0.0
     for name in stated:
         if name not in channels:
             raise UserError(
@@ -54,8 +58,11 @@ def with_bench(dataset: Dataset, mapping: ColumnMap) -> Dataset:
         )
     drifts = {channels[name]: entry.drift_std for name, entry in stated.items() if entry.drift_std}
     dataset, recordings = replace(dataset, nuisances=mapping.nuisances), dataset.recordings
-    if zeros or drifts:
-        recordings = tuple(replace(recording, zero_std=zeros, drift_std=drifts) for recording in recordings)
+    if zeros or drifts or ambient_std:
+        recordings = tuple(
+            replace(recording, zero_std=zeros, drift_std=drifts, ambient_std=ambient_std if has_air(recording) else 0.0)
+            for recording in recordings
+        )
     notes = [*dataset.notes, *map(note_of_repeats, repeatability(recordings, dataset.noise_std) if mapping.path else ())]
     if not floor:
         return replace(dataset, recordings=recordings, notes=tuple(notes))
@@ -64,6 +71,11 @@ def with_bench(dataset: Dataset, mapping: ColumnMap) -> Dataset:
     notes.append(f'repeats differ by {words}, which counts as noise: one sample in {mapping.independent_after:g} s is kept')
     kept = tuple(thinned(recording, mapping.independent_after) for recording in recordings)
     return replace(dataset, recordings=kept, noise_std=noise, notes=tuple(notes), floor=floor)
+
+
+def has_air(recording: Recording) -> bool:
+    """Whether the wires of a recording exchange heat with their surroundings: not those whose temperature is imposed."""
+    return known_structures()[recording.system].imposed_temperature < 0
 
 
 def thinned(recording: Recording, interval: float) -> Recording:

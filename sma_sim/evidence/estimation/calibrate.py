@@ -35,7 +35,7 @@ from sma_sim.evidence.estimation.held_out_prediction import RunFit, mean_error, 
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize
 from sma_sim.evidence.estimation.log_evidence import DECISIVE, kinetics_probabilities, log_evidences
 from sma_sim.evidence.estimation.overdispersion import overdispersion
-from sma_sim.evidence.estimation.plausibility import MATERIALS, ImplausibleParameter, implausible_of
+from sma_sim.evidence.estimation.plausibility import MATERIALS, ImplausibleParameter, implausible_of, with_usual_limits
 from sma_sim.evidence.estimation.prepared_fit import PreparedFit, check_kinetics, check_systems, prepare
 from sma_sim.evidence.estimation.problem import AMBIENT, DELAY, START, LinearizedRun, Problem, cost_at, feasible, start_point
 from sma_sim.evidence.estimation.residuals import ZERO_STDS, FitData, fit_data, hidden_rtol, leeway_for
@@ -352,7 +352,8 @@ def problem_for(dataset: Dataset, config: Config, options: FitOptions, every: in
     if step_limited and all(map(has_tangents, structures)):
         rtol = max(rtol, min(rtol * LOOSER[config.simulated_kinetics], hidden_rtol(dataset)))
     names = with_nuisance_names(options.names, dataset, config)
-    free = under_nuisance_priors(choose_free(config, names, dataset.channels)[0], dataset)
+    chosen = choose_free(config, names, dataset.channels)[0]
+    free = with_usual_limits(under_nuisance_priors(chosen, dataset), config, options.material)
     runs = tuple(fit_data(recording, dataset.noise_std, every, rtol, step_limited) for recording in dataset.recordings)
     quasi_static = all(structure.is_quasi_static for structure in structures)
     delay = 0.0 if quasi_static else None

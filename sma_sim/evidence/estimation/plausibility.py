@@ -9,7 +9,7 @@ calls usual of its material is plausible too, and where its transformation begin
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import log, sqrt
 
 import numpy as np
@@ -257,6 +257,20 @@ def usual_ranges(material: Material, config: Config) -> dict[str, Range]:
     diameter = 2.0 * config.parameters['wire.r0']
     cooling = STILL_AIR * AIR_CONDUCTIVITY / diameter, FLOWING_WATER * WATER_CONDUCTIVITY / diameter
     return {**material.ranges, 'wire.c_V': SPECIFIC_HEAT, 'wire.lambda': cooling}
+
+
+def with_usual_limits(free: Sequence[FreeParameter], config: Config, material: str = '') -> tuple[FreeParameter, ...]:
+    """Free parameters whose limits hold what is usual of such a wire, where a value is but the default of another robot."""
+    known = material_of(config, material)
+    usual = usual_ranges(known, config) if known else {}
+    defaults = config.structure.structure.default_values
+    found = []
+    for one in free:
+        if one.name in usual and config.parameters[one.name] == defaults[one.name] and one.name not in config.priors:
+            low, high = map(one.coordinate, usual[one.name])
+            one = replace(one, low=min(one.low, low), high=max(one.high, high))
+        found.append(one)
+    return tuple(found)
 
 
 def implausible_of(fit: FitResult, known: Uncertainty | None) -> tuple[ImplausibleParameter, ...]:
