@@ -1,13 +1,14 @@
 """What belongs to a bench is estimated under its priors, reported, and no finding: drifts, scale of power, lags, grips."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from sma_sim import FitOptions, Input, Model, UserError, calibrate, read_config, read_dataset, simulate
 from sma_sim.cli.main import main
-from sma_sim.evidence.data.tables import write_columns
+from sma_sim.evidence.data.tables import read_columns, write_columns
 from sma_sim.evidence.estimation.calibrate import problem_for
 from sma_sim.evidence.estimation.held_out_prediction import evaluate_held_out
 from sma_sim.evidence.estimation.prepared_fit import prepare
@@ -59,6 +60,62 @@ def dataset_of(paths, mapping, system='wire', noise=NOISE):
     path = paths[0].with_name('map.yaml')
     path.write_text(f'system: wire\n{mapping}\n')
     return read_dataset(paths, system, 298.0, path, noise)
+
+
+def with_noise_of_rows(paths, size):
+    """Files whose temperature scatters by `size` of (t, T) beside the noise that they have, with a column of it."""
+    for k, path in enumerate(paths):
+        columns = read_columns(path, ('time_s', 'T_K'), with_gaps=('strain', 'J_W', 'T_E_K', 'stress_Pa'))
+        random = np.random.default_rng(k)
+        more = size(columns['time_s'], columns['T_K'])
+        columns['T_K'] = columns['T_K'] + more * random.normal(size=len(more))
+        write_columns(path, columns | {'T_std': np.hypot(more, NOISE['T'])})
+    return paths
+
+
+@pytest.mark.parametrize(
+    ('size', 'entry'),
+    [
+        (lambda t, T: np.where(t % 2.0 < 1.0, 3.0, 0.0), 'T_K: {column: T_K, std: T_std}'),
+        (lambda t, T: 0.01 * T, 'T_K: {column: T_K, relative_std: 0.01}'),
+    ],
+    ids=['of each row', 'relative'],
+)
+def test_noise_that_differs_from_row_to_row(tmp_path, size, entry):
+    """Each sample counts by its own noise: errors are 1, and what the good ones tell is not lost among the bad ones."""
+    paths = with_noise_of_rows(heated(tmp_path), size)
+    options = FitOptions(free=('wire.lambda', 'wire.c_V'), kinetics='hybrid', starts=1)
+    start = read_config(words=BENCH)
+    noise = {'stress': 1e9} if 'std: T' in entry else NOISE  # the temperature alone tells, where its rows differ
+    known = dataset_of(paths, entry, noise=noise)
+    shown = known.recordings[0]
+    spread = size(shown.time, shown.channels['T'])
+    assert shown.sample_std['T'] == pytest.approx(np.hypot(spread, NOISE['T']), rel=1e-6)
+    every = np.concatenate([one.sample_std['T'] for one in known.recordings])
+    assert known.noise_std['T'] == pytest.approx(np.sqrt(np.mean(every**2)))
+    found = calibrate(known, start, options)
+    assert found.channel_errors['T'] == pytest.approx(1.0, abs=0.1)
+    for name in options.free:
+        assert found.intervals[name].low < start.parameters[name] < found.intervals[name].high
+    if 'std: T' in entry:
+        alike = calibrate(
+            replace(known, recordings=tuple(replace(one, sample_std={}) for one in known.recordings)), start, options
+        )
+        assert found.intervals['wire.c_V'].std < 0.5 * alike.intervals['wire.c_V'].std
+        assert 'noise of T: that of each row' in ' '.join(known.notes)
+        assert not dataset_of(paths, entry).recordings[0].sample_std
+
+
+def test_noise_of_rows_that_is_none(tmp_path):
+    paths = with_noise_of_rows(heated(tmp_path), lambda t, T: 0.0 * t)
+    with pytest.raises(UserError, match='T_std: expected standard deviations above 0, or empty cells, got -0.05'):
+        columns = read_columns(paths[1], ('time_s', 'T_K', 'T_std'), with_gaps=('strain', 'J_W'))
+        write_columns(paths[1], columns | {'T_std': -columns['T_std']})
+        dataset_of(paths, 'T_K: {column: T_K, std: T_std}')
+    with pytest.raises(UserError, match='std and relative_std belong to measured columns, stress_Pa, T_K.*not to J_W'):
+        dataset_of(paths[:1], 'J_W: {column: J_W, relative_std: 0.1}')
+    with pytest.raises(UserError, match='std is the noise of one column'):
+        dataset_of(paths[:1], 'T_K: {column: T_K, std: T_std, exponent: 2}')
 
 
 def test_rooms_that_nobody_measured(tmp_path):

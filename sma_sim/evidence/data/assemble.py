@@ -16,6 +16,7 @@ from sma_sim.evidence.data.recording import (
     CHANNELS_OF,
     INPUT_COLUMNS,
     NEEDED_COLUMNS,
+    STD_SUFFIX,
     Recording,
     Vector,
     is_resistance,
@@ -178,7 +179,7 @@ def session_recording(file: SourceFile, name: str, columns: dict[str, Vector], n
         columns['time_s'] = columns['time_s'] - columns['time_s'][0]
     errors = imposed_without_noise(file, columns, notes)
     source = input_from_columns(file, columns)
-    time, channels = measured_channels(file, columns, notes)
+    time, channels, stds = measured_channels(file, columns, notes)
     if len(time) < MIN_SESSION_SAMPLES or not channels:
         raise UserError(
             f'{file.path}: expected at least {MIN_SESSION_SAMPLES} measured rows after the first command, got {len(time)}'
@@ -186,7 +187,9 @@ def session_recording(file: SourceFile, name: str, columns: dict[str, Vector], n
     if file.structure.coordinates and file.structure.imposed_temperature < 0:
         notes += slow_sampling(time) + early_motion(file, time, channels, source)
     known = () if exact else tuple(changes[is_exact].tolist())
-    return Recording(name, file.system, time, channels, source, exact, tuple(notes), known, imposed_std=errors)
+    return Recording(
+        name, file.system, time, channels, source, exact, tuple(notes), known, imposed_std=errors, sample_std=stds
+    )
 
 
 def early_motion(file: SourceFile, time: Vector, channels: Mapping[str, Vector], source: Input) -> list[str]:
@@ -353,7 +356,9 @@ def merge_equal_times(file: SourceFile, columns: dict[str, Vector], notes: list[
         return
     repeated = 0
     for name, values in columns.items():
-        if name in CHANNEL_COLUMNS.values():
+        if name.endswith(STD_SUFFIX):
+            columns[name], _ = first_finite(values, starts)
+        elif name in CHANNEL_COLUMNS.values():
             columns[name], dropped = first_finite(values, starts)
             repeated = max(repeated, dropped)
             check_resolution_of_time(file, values, columns[name], starts)
@@ -384,12 +389,14 @@ def input_from_columns(file: SourceFile, columns: Mapping[str, Vector]) -> Input
     return Input(columns['time_s'][keep], values, tuple(name in file.imposed for name in names), names)
 
 
-def measured_channels(file: SourceFile, columns: dict[str, Vector], notes: list[str]) -> tuple[Vector, dict[str, Vector]]:
-    """Times and channels of the rows that hold a measurement, outliers taken out."""
+def measured_channels(
+    file: SourceFile, columns: dict[str, Vector], notes: list[str]
+) -> tuple[Vector, dict[str, Vector], dict[str, Vector]]:
+    """Times and channels of the rows that hold a measurement, outliers taken out, and their noise where the file has it."""
     names = {CHANNEL_COLUMNS[channel]: channel for channel in CHANNELS_OF[file.system]}
     sampled = sampled_rows(file.system, columns)
     time = columns['time_s'][sampled] if not sampled.all() else columns['time_s']
-    channels: dict[str, Vector] = {}
+    channels, stds = dict[str, Vector](), dict[str, Vector]()
     for name, channel in names.items():
         values = columns.pop(name, np.empty(0))
         if not np.isfinite(values).any():
@@ -398,12 +405,14 @@ def measured_channels(file: SourceFile, columns: dict[str, Vector], notes: list[
         discard_outliers(name, time, values, 'taken as missing', notes)
         discard_saturated(name, time, values, notes)
         check_unit(file.path, name, values, file.column_of(name))
+        if (noise := columns.pop(name + STD_SUFFIX, None)) is not None:
+            stds[channel] = noise[sampled]
     notes += gap_notes(time, channels) + rate_note(time, channels)
     usual = [channel for channel in CHANNELS_OF[file.system] if not is_resistance(channel)]
     missing = [channel for channel in usual if channel not in channels]
     if missing:
         notes.append(f'not measured: {", ".join(missing)}')
-    return time, channels
+    return time, channels, stds
 
 
 # What is missing or wrong in the columns of one session: gaps, outliers, held inputs; each repair makes a note.

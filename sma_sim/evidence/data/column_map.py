@@ -18,9 +18,9 @@ from sma_sim.evidence.data.tables import MAX_NAMES
 from sma_sim.model.errors import UserError
 from sma_sim.model.shown import listed
 
-ENTRY_KEYS = ('column', 'value', 'scale', 'offset', 'exponent', 'zero_std', 'drift_std', 'floor')
+ENTRY_KEYS = ('column', 'value', 'scale', 'offset', 'exponent', 'zero_std', 'drift_std', 'floor', 'relative_std')
 POSITIVE_KEYS = ENTRY_KEYS[4:]
-TIMES, NANOSEC, WHERE = 'times', 'nanosec', 'where'  # keys of an entry that name other columns
+TIMES, NANOSEC, STD, WHERE = 'times', 'nanosec', 'std', 'where'  # keys of an entry that name other columns
 INDEPENDENT_AFTER, NUISANCES = 'independent_after', 'nuisances'  # keys of the whole map: [s]; effects
 PACE_KEYS = ('path', 'rate')
 INTERVAL = 'interval'  # key of time_s: [s] between rows, where no column holds the time
@@ -36,9 +36,10 @@ class Origin:
     seconds. In a long table, `where` says which rows hold the column: names of other columns, each with its cell.
 
     What is known of a measured column beside the noise of its samples, in its SI unit: its zero differs from recording to
-    recording by `zero_std` and drifts by `drift_std` within one, and repeated experiments differ by `floor`. Time of a
-    quasi-static test, in which nobody noted it,
-    comes from a column that changed by `pace` per second; of regular rows without a time, from their `interval` [s].
+    recording by `zero_std` and drifts by `drift_std` within one, and repeated experiments differ by `floor`. The noise is
+    that of each row where `std` is the column that holds it, in its unit; `relative_std` times the size adds to it.
+    Time of a quasi-static test, in which nobody noted it, comes from a column that changed by `pace` per second; of regular
+    rows without a time, from their `interval` [s].
     """
 
     column: str | None
@@ -54,6 +55,8 @@ class Origin:
     zero_std: float = 0.0
     drift_std: float = 0.0
     floor: float = 0.0
+    std: str | None = None
+    relative_std: float = 0.0
 
     @property
     def converts(self) -> bool:
@@ -63,7 +66,7 @@ class Origin:
     @property
     def columns(self) -> tuple[str, ...]:
         """Columns of the file whose numbers are taken."""
-        return tuple(name for name in (self.column, self.times, self.nanosec) if name is not None)
+        return tuple(name for name in (self.column, self.times, self.nanosec, self.std) if name is not None)
 
     @property
     def unknown(self) -> tuple[float, float, float]:
@@ -203,7 +206,7 @@ def parsed_origin(path: Path, name: str, entry: Any, names: Sequence[str]) -> Or
         raise UserError(f'{where}: expected the name of a column, got {column}: YAML reads on, off, yes and no so; quote it')
     if not isinstance(entry, dict) or ('column' in entry) == ('value' in entry):
         raise UserError(f'{where}: expected {{column: NAME, scale: 1, offset: 0}} or {{value: 1.0}}, got {entry!r}')
-    keys = (*ENTRY_KEYS, TIMES, NANOSEC, WHERE)
+    keys = (*ENTRY_KEYS, TIMES, NANOSEC, STD, WHERE)
     wrong = [key for key in entry if key not in keys]
     if wrong:
         raise UserError(f'{where}: unknown {wrong[0]!r}; expected some of {", ".join(keys)}')
@@ -225,6 +228,7 @@ def parsed_origin(path: Path, name: str, entry: Any, names: Sequence[str]) -> Or
         str(column) if 'column' in entry else None,
         times=others.get(TIMES),
         nanosec=others.get(NANOSEC),
+        std=others.get(STD),
         where=rows_where(where, entry),
     )
     known: dict[str, Any] = {**numbers}
@@ -232,13 +236,15 @@ def parsed_origin(path: Path, name: str, entry: Any, names: Sequence[str]) -> Or
 
 
 def other_columns(where: str, name: str, entry: Mapping[str, Any]) -> dict[str, str]:
-    """The second column of a product, and that of nanoseconds. Raises UserError."""
-    found = {key: entry[key] for key in (TIMES, NANOSEC) if key in entry}
+    """The second column of a product, that of nanoseconds, and that of the noise. Raises UserError."""
+    found = {key: entry[key] for key in (TIMES, NANOSEC, STD) if key in entry}
     for key, column in found.items():
         if not isinstance(column, str):
             raise UserError(f'{where}, {key}: expected the name of a column, got {column!r}')
     if NANOSEC in found and name != 'time_s':
         raise UserError(f'{where}: {NANOSEC} belongs to time_s')
+    if STD in found and (TIMES in found or entry.get('exponent', 1) != 1):
+        raise UserError(f'{where}: {STD} is the noise of one column, not of a product or a power')
     return found
 
 

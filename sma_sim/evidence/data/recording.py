@@ -74,6 +74,7 @@ INPUT_COLUMNS = OfSystems(lambda structure: ('time_s', *structure.input_columns)
 NEEDED_COLUMNS = OfSystems(lambda structure: ('time_s', *structure.needed_columns))
 CHANNELS_OF = OfSystems(lambda structure: structure.channels)
 CHANNEL_COLUMNS = ColumnsOfChannels()
+STD_SUFFIX = ' std'  # of the column with the noise of each row, while a file is read
 HIDDEN_COLUMN = re.compile(r'(x_M|mode)(_\d+)?')  # no sensor shows them: not compared
 
 
@@ -125,6 +126,8 @@ class Recording(Shown, Saved, Comparable):
         The sign of a command that heats nothing in this recording, 0 where all wires are heated.
     imposed_std : mapping
         By column of what was imposed and measured with noise, how well it is known without that (SI).
+    sample_std : mapping
+        By channel whose noise differs from sample to sample, its standard deviations (k,) (SI); NaN: that of the dataset.
     """
 
     name: str
@@ -140,6 +143,7 @@ class Recording(Shown, Saved, Comparable):
     ambient_std: float = 0.0
     unpowered_side: int = 0
     imposed_std: Mapping[str, float] = field(default_factory=dict)
+    sample_std: Mapping[str, Vector] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -176,6 +180,12 @@ class Recording(Shown, Saved, Comparable):
                         f'recording {self.name}, {field_name}: expected standard deviations (SI) by channel, of '
                         f'{", ".join(known)}; got {std!r} for {name!r}{suggestion(name, known)}'
                     )
+        for name, stds in self.sample_std.items():
+            if name not in self.channels or np.shape(stds) != time.shape or np.any(np.asarray(stds) <= 0.0):
+                raise UserError(
+                    f'recording {self.name}, sample_std of {name!r}: expected a standard deviation above 0 (SI) for each '
+                    f'of the {len(time)} samples of a channel that was measured'
+                )
         if not 0.0 <= self.ambient_std < inf:
             raise UserError(f'recording {self.name}, ambient_std = {self.ambient_std:g}: expected kelvin, 0 or more')
         if self.unpowered_side not in (-1, 0, 1):

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from math import sqrt
 from pathlib import Path
 
@@ -101,7 +102,9 @@ def read_dataset(
             f'{", ".join(map(str, files_and_folders))}: no measurement in it; expected measured columns such as alpha_rad'
         )
     recordings = with_distinct_names(found)
-    noise = dataset_noise(recordings, noise_from_folders([path for path, _ in files], channels, notes) | given, notes)
+    stated = noise_from_folders([path for path, _ in files], channels, notes) | given
+    recordings = tuple(map(partial(without_sample_noise, channels=given), recordings))
+    noise = dataset_noise(recordings, stated, notes)
     return with_bench(Dataset(recordings, noise, tuple(notes)), columns.of_bench())
 
 
@@ -226,11 +229,21 @@ def noise_from_folders(files: Sequence[Path], channels: Sequence[str], notes: li
     return {name: sqrt(sum(value**2 for value in values) / len(values)) for name, values in stated.items()}
 
 
+def without_sample_noise(recording: Recording, channels: Collection[str]) -> Recording:
+    """A recording without the noise of its samples in channels of which the caller says another."""
+    return replace(recording, sample_std={name: stds for name, stds in recording.sample_std.items() if name not in channels})
+
+
 def dataset_noise(recordings: Sequence[Recording], given: Mapping[str, float], notes: list[str]) -> dict[str, float]:
     """The noise of every channel that was measured: as given, or estimated, with a note."""
     estimated = noise_by_channel(recordings)
     noise: dict[str, float] = {}
     for name in in_order({name for recording in recordings for name in recording.channels}, recordings[0].system):
+        own = [recording.sample_std[name] for recording in recordings if name in recording.sample_std]
+        if own:
+            noise[name] = sqrt(float(np.nanmean(np.concatenate(own) ** 2)))
+            notes.append(f'noise of {name}: that of each row, root mean square {in_display_unit(name, noise[name])}')
+            continue
         if name in given:
             noise[name] = given[name]
             continue

@@ -56,6 +56,7 @@ def with_bench(dataset: Dataset, mapping: ColumnMap) -> Dataset:
             f'the map {mapping.path}: a floor needs {INDEPENDENT_AFTER}, the time in seconds for which what '
             'repeated experiments differ by lasts'
         )
+    relative = {channels[name]: entry.relative_std for name, entry in mapping.origins.items() if entry.relative_std}
     drifts = {channels[name]: entry.drift_std for name, entry in stated.items() if entry.drift_std}
     dataset, recordings = replace(dataset, nuisances=mapping.nuisances), dataset.recordings
     if zeros or drifts or ambient_std:
@@ -63,6 +64,9 @@ def with_bench(dataset: Dataset, mapping: ColumnMap) -> Dataset:
             replace(recording, zero_std=zeros, drift_std=drifts, ambient_std=ambient_std if has_air(recording) else 0.0)
             for recording in recordings
         )
+    known = dataset.noise_std
+    recordings = tuple(with_sample_noise(one, known, relative, floor) for one in recordings)
+    dataset = replace(dataset, noise_std={**known, **levels_of_noise(recordings, floor)})
     notes = [*dataset.notes, *map(note_of_repeats, repeatability(recordings, dataset.noise_std) if mapping.path else ())]
     if not floor:
         return replace(dataset, recordings=recordings, notes=tuple(notes))
@@ -71,6 +75,30 @@ def with_bench(dataset: Dataset, mapping: ColumnMap) -> Dataset:
     notes.append(f'repeats differ by {words}, which counts as noise: one sample in {mapping.independent_after:g} s is kept')
     kept = tuple(thinned(recording, mapping.independent_after) for recording in recordings)
     return replace(dataset, recordings=kept, noise_std=noise, notes=tuple(notes), floor=floor)
+
+
+def with_sample_noise(
+    recording: Recording, noise_std: Mapping[str, float], relative: Mapping[str, float], floor: Mapping[str, float]
+) -> Recording:
+    """A recording with the noise of each sample of channels whose noise is `relative` to their size, or stated by row, and
+    with what repeats differ by (SI)."""
+    found = {}
+    for name in (channel for channel in recording.channels if channel in (*relative, *recording.sample_std)):
+        own = np.broadcast_to(recording.sample_std.get(name, noise_std[name]), recording.time.shape)
+        own = np.where(np.isnan(own), noise_std[name], own)
+        size = np.nan_to_num(np.abs(recording.channels[name]))
+        found[name] = np.sqrt(own**2 + (relative.get(name, 0.0) * size) ** 2 + floor.get(name, 0.0) ** 2)
+    return replace(recording, sample_std=found)
+
+
+def levels_of_noise(recordings: Sequence[Recording], floor: Mapping[str, float]) -> dict[str, float]:
+    """By channel with a noise of each sample, the root mean square of it over all samples, but for the `floor` (SI)."""
+    found = dict[str, list[Vector]]()
+    for recording in recordings:
+        for name, stds in recording.sample_std.items():
+            found.setdefault(name, []).append(stds)
+    squares = {name: float(np.mean(np.concatenate(own) ** 2)) - floor.get(name, 0.0) ** 2 for name, own in found.items()}
+    return {name: sqrt(square) for name, square in squares.items()}
 
 
 def has_air(recording: Recording) -> bool:
@@ -83,7 +111,8 @@ def thinned(recording: Recording, interval: float) -> Recording:
     time = np.asarray(recording.time, float)
     rows = np.unique(np.searchsorted(time, np.arange(time[0], time[-1], interval)))
     channels = {name: values[rows] for name, values in recording.channels.items()}
-    return replace(recording, time=time[rows], channels=channels)
+    stds = {name: values[rows] for name, values in recording.sample_std.items()}
+    return replace(recording, time=time[rows], channels=channels, sample_std=stds)
 
 
 def repeatability(recordings: Sequence[Recording], noise_std: Mapping[str, float]) -> tuple[Repeatability, ...]:

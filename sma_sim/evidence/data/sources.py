@@ -24,7 +24,7 @@ from sma_sim.evidence.data.foreign_columns import (
     map_line,
     unit_of,
 )
-from sma_sim.evidence.data.recording import HIDDEN_COLUMN, NEEDED_COLUMNS, OfSystems
+from sma_sim.evidence.data.recording import HIDDEN_COLUMN, NEEDED_COLUMNS, STD_SUFFIX, OfSystems
 from sma_sim.evidence.data.rosbag.bag_files import is_bag
 from sma_sim.evidence.data.rosbag.commands import CommandLimits
 from sma_sim.evidence.data.table_format import TableFormat, cells_of_line, is_number, table_format
@@ -97,7 +97,8 @@ def read_bag_source(
     origins = column_origins(path, mapping, COLUMNS_BY_SYSTEM[system], list(found))
     if chosen := [name for name, entry in origins.items() if entry.where]:
         raise UserError(f'the map {mapping.path}, {chosen[0]}, where: bags have topics; only CSV files are long tables')
-    return {name: column_in_si(entry, found, rows) for name, entry in origins.items()}, notes
+    columns = {name: column_in_si(entry, found, rows) for name, entry in origins.items()}
+    return columns | noise_of_rows(path, system, origins, found), notes
 
 
 def read_csv_source(path: Path, system: str, mapping: ColumnMap) -> tuple[Columns, list[str]]:
@@ -141,6 +142,7 @@ def read_csv_source(path: Path, system: str, mapping: ColumnMap) -> tuple[Column
     rows = len(next(iter(cells.values())))
     users = [entry.column for entry in origins.values()]
     columns = {name: column_in_si(entry, cells, rows) for name, entry in origins.items()}
+    columns |= noise_of_rows(path, system, origins, cells)
     if (period := without_period(columns['time_s'])) and time is not None:
         notes.append(f'time starts again after {period:g} s, as a clock without a date or a counter does: counted on')
     for name, entry in origins.items():
@@ -153,6 +155,26 @@ def read_csv_source(path: Path, system: str, mapping: ColumnMap) -> tuple[Column
         if users.count(entry.column) > 1 and columns[name] is cells.get(entry.column or ''):
             columns[name] = columns[name].copy()  # two columns of one origin must not share repairs
     return columns, notes
+
+
+def noise_of_rows(path: Path, system: str, origins: Mapping[str, Origin], cells: Columns) -> Columns:
+    """By column of the contract with `STD_SUFFIX`, the noise (k,) of its rows [SI], where a map names a column of it.
+
+    Raises UserError for what is not measured, and for a noise that is not positive.
+    """
+    channels, found = known_structures()[system].channel_columns, Columns()
+    for name, entry in origins.items():
+        if (entry.std is not None or entry.relative_std) and name not in channels:
+            raise UserError(f'{path}: std and relative_std belong to measured columns, {", ".join(channels)}, not to {name}')
+        if entry.std is None:
+            continue
+        if (wrong := np.flatnonzero(cells[entry.std] <= 0.0)).size:
+            value = cells[entry.std][wrong[0]]
+            raise UserError(
+                f'{path}, column {entry.std}: expected standard deviations above 0, or empty cells, got {value:g}'
+            )
+        found[name + STD_SUFFIX] = abs(entry.scale) * cells[entry.std]
+    return found
 
 
 def time_counted_on(path: Path, values: Vector, is_clock: bool) -> list[str]:

@@ -156,7 +156,12 @@ def fit_data(
     structure = known_structures()[recording.system]
     sizes = dict(zip(structure.channels, channel_scales(structure), strict=True))
     measured = np.array([recording.channels[name][::every] for name in channels], dtype=float)
-    noise = [np.hypot(noise_std[name], SOLVER_NOISE * floor * sizes.get(name, 0.0)) or 1e-12 for name in channels]
+    noise = [
+        np.maximum(
+            np.hypot(sample_noise(recording, name, noise_std)[::every], SOLVER_NOISE * floor * sizes.get(name, 0.0)), 1e-12
+        )
+        for name in channels
+    ]
     present = np.isfinite(measured)
     level = float(np.median(np.asarray(recording.source.values)[:, 0])) if structure.is_quasi_static else nan
     changed, interval = sampled_changes(recording)
@@ -166,7 +171,7 @@ def fit_data(
         channels=channels,
         time=np.asarray(recording.time, float)[::every],
         measured=np.where(present, measured, 0.0),
-        weight=present / np.array(noise)[:, None],
+        weight=present / np.array(noise),
         source=without_repeats(simplified_input(recording, noise_std)),
         changed=changed,
         interval=interval,
@@ -181,6 +186,12 @@ def fit_data(
         zero_range=zero_range(recording, level),
         starts=0 if structure.is_quasi_static else structure.wires,
     )
+
+
+def sample_noise(recording: Recording, channel: str, noise_std: Mapping[str, float]) -> Vector:
+    """The standard deviation (k,) of each sample of a channel (SI)."""
+    own = np.broadcast_to(recording.sample_std.get(channel, np.nan), np.shape(recording.time))
+    return np.where(np.isnan(own), noise_std[channel], own)
 
 
 def zero_range(recording: Recording, level: float) -> tuple[float, float]:

@@ -229,7 +229,7 @@ def run_beside_model(
         measured={name: np.asarray(recording.channels[name], float) for name in run.channels},
         predicted={name: columns[CHANNEL_COLUMNS[name]] for name in run.channels},
         noise={
-            name: float(1.0 / weight.max()) if weight.any() else noise_std[name]
+            name: float(np.sqrt(np.mean(weight[weight > 0.0] ** -2.0))) if weight.any() else noise_std[name]
             for name, weight in zip(run.channels, run.weight, strict=True)
         },
         states=with_derived_states(config, run.on_bench(config), run.time, columns) if with_states else {},

@@ -241,8 +241,7 @@ def ranked(problem: Problem, z: Vector, proposals: Sequence[Proposal], context: 
 
 def in_units(run: FitData, rows: Rows) -> Rows:
     """Weighted rows (..., channels, k) in the units of their channels."""
-    weight = run.weight.max(axis=1)
-    units: Rows = rows / np.where(weight > 0.0, weight, 1.0)[:, None]
+    units: Rows = rows / np.where(run.weight > 0.0, run.weight, 1.0)
     return units
 
 
