@@ -68,6 +68,23 @@ class CauseWatch:
         if self._diagnosis is not None:
             self._diagnosis.add(sample, predicted, judged)
 
+    def reason(self) -> str:
+        """Why the model differs from the measurement, as far as is known, in words; empty where no cause is looked for."""
+        found = self.last
+        if self._diagnosis is None:
+            return ''
+        if found is None:
+            return 'its cause is being looked for (topic diagnosis)'
+        if found.has_changed:
+            return str(found)
+        if found.is_explained:
+            return (
+                f'nothing has changed: other values of its parameters explain it (normalized RMSE {found.error:.2f} with '
+                'them); calibrate the file'
+            )
+        first = found.findings[0]
+        return f'no cause is certain yet; the most probable: {first.words} ({100.0 * first.probability:.0f} %)'
+
     def close(self) -> None:
         """Look no more."""
         self._stop.set()

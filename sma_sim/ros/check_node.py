@@ -311,6 +311,8 @@ class ModelCheck:
             caveat = f'; it was so at rest, before any wire was heated. {AT_REST}'
         elif len(self._heated) < wires:
             caveat = f'; {which_ones} heated since the model started, so its start (initial.*) may be what is wrong'
+        if reason := self._causes.reason():
+            caveat += f'; {reason}'
         return (
             f'the model has left the measurement: normalized RMSE {worst} over the last {self._values["window"]:g} s '
             f'(check.threshold {self._values["threshold"]:g}){caveat}'

@@ -19,9 +19,11 @@ from std_msgs.msg import Float32, Float64, Float64MultiArray, String  # noqa: E4
 from std_srvs.srv import Trigger  # noqa: E402
 
 from sma_sim import Config, Input, Model  # noqa: E402
+from sma_sim.evidence.monitoring.live_diagnosis import CauseFinding, LiveFinding  # noqa: E402
 from sma_sim.evidence.monitoring.live_model import MODULE_CHANNEL_NAMES  # noqa: E402
 from sma_sim.model.structures.module import STRUCTURE as MODULE  # noqa: E402
 from sma_sim.model.structures.spatial import STRUCTURE as SPATIAL  # noqa: E402
+from sma_sim.ros.cause_watch import CauseWatch  # noqa: E402
 from sma_sim.solver.columns import sample_columns  # noqa: E402
 from sma_sim.solver.fixed_rate import FixedRateRun, simulate_fixed_rate  # noqa: E402
 
@@ -424,3 +426,25 @@ def test_what_has_changed_is_said_with_its_probability_and_a_command_that_would_
         proposed = json.loads(answer.message)
         assert answer.success and len(proposed['between']) == 2 and proposed['command'][-1][1] == 0.0
     assert 'changed since about' in log[0]
+
+
+def finding_of(name, probability, log_odds):
+    return LiveFinding(9, 4, (CauseFinding(name, name, probability),), log_odds, 3.0, 1.1)
+
+
+@pytest.mark.parametrize(
+    ('finding', 'words'),
+    [
+        (None, 'its cause is being looked for'),
+        (finding_of('nothing', 1.0, -math.inf), 'other values of its parameters explain it'),
+        (finding_of('gravity', 0.6, 1.0), 'no cause is certain yet; the most probable: gravity (60 %)'),
+        (finding_of('gravity', 0.97, 9.0), 'changed since about 0 s: gravity (97 %)'),
+    ],
+)
+def test_why_the_model_has_left_is_said_as_far_as_it_is_known(finding, words):
+    with ros_client.listener(ros_client.any_domain()) as node:
+        watch = CauseWatch(node, Config(), np.ones(9), 1e6, None)
+        watch.last = finding
+        assert words in watch.reason()
+        watch.close()
+        assert CauseWatch(node, Config(), np.ones(9), 0.0, None).reason() == ''

@@ -116,6 +116,11 @@ class LiveFinding:
         return self.log_odds > TIE
 
     @property
+    def is_explained(self) -> bool:
+        """Whether nothing is left beside the model with other values of what is not known of its parameters."""
+        return self.log_odds == -math.inf
+
+    @property
     def is_of_robot(self) -> bool:
         """Whether the robot has changed, and not only the room that it is in."""
         return self.has_changed and self.findings[0].name != ROOM
