@@ -21,6 +21,7 @@ from numba.core.errors import NumbaError
 from sma_sim.model.effects.discovery import EffectError
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.ports import PORT_NAMES, RATE_UNKNOWN, VALUE_UNKNOWN, State
+from sma_sim.model.effects.scope import Scope
 
 frontend: Any = run_frontend  # its types are not declared
 EVERY_FIELD = frozenset(State._fields)
@@ -87,12 +88,10 @@ def check_scope(effect: Effect) -> None:
         )
 
 
-def form_fields(effect: Effect) -> tuple[str, ...]:
-    """The fields of which the law of an effect may be another function: of those that a form can have, what its kernel
-    reads."""
+def forms_of_law(effect: Effect) -> tuple[Scope, ...]:
+    """The other forms that the law of an effect has: of all (`Effect.forms`) those in a field that its kernel reads."""
     read = fields_read(effect.kernel)
-    fields = dict.fromkeys(scope.field for scope in effect.forms)
-    return tuple(field for field in fields if read != EVERY_FIELD and field in read)
+    return tuple(form for form in effect.forms if read != EVERY_FIELD and form.field in read)
 
 
 def _read_through(function: Any, position: int, visited: Visited) -> frozenset[str]:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from sma_sim.compiler.fields_read import forms_of_law
 from sma_sim.model.config import MODELS, Config
 from sma_sim.model.effects.discovery import FoundEffect
 from sma_sim.model.effects.effect import Effect
@@ -132,6 +133,7 @@ def effect_data(shown: Effect, plain: Effect, values: Mapping[str, float]) -> di
         parameter_data(f'effects.{shown.name}.{p.name}', p, values.get(f'{shown.name}.{p.name}', p.default), p.default)
         for p in shown.parameters
     ]
+    parts = (*plain.scopes, *forms_of_law(plain))
     return {
         'name': plain.name,
         'shown': shown.name,
@@ -144,6 +146,6 @@ def effect_data(shown: Effect, plain: Effect, values: Mapping[str, float]) -> di
         'signature': plain.signature,
         'confused_with': list(plain.confused_with),
         'same_as': plain.same_as,
-        'scopes': [{'name': f'{plain.name}@{scope.name}', 'words': scope.words} for scope in plain.scopes],
+        'scopes': [{'name': f'{plain.name}@{scope.name}', 'words': scope.words} for scope in parts],
         'parameters': parameters,
     }

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.compiler.fields_read import can_share, fields_read, form_fields
+from sma_sim.compiler.fields_read import can_share, fields_read, forms_of_law
 from sma_sim.evidence.model_selection.candidates import Candidate, candidate_at, candidate_of, shape_grid
 from sma_sim.model.effects.discovery import FoundEffect
 from sma_sim.model.effects.effect import Effect
@@ -99,8 +99,10 @@ def forms_of(found: FoundEffect) -> tuple[Candidate, ...]:
     a wire other laws are listed, or have exponents of their own.
     """
     effect, made = found.effect, list[Candidate]()
-    for field in form_fields(effect) if effect.port in FORMS_TRIED else ():
-        other = found.in_scope(effect.scope.of(field))
+    for form in forms_of_law(effect) if effect.port in FORMS_TRIED else ():
+        if form != effect.scope.of(form.field):
+            continue
+        other = found.in_scope(form)
         own = other.effect.parameters[len(effect.parameters) :]
         made.append(candidate_at(other, shape_grid([p for p in own if p.neutral is None]), own))
     return tuple(made)
