@@ -139,7 +139,7 @@ def test_architecture_is_that_of_the_imports(monkeypatch):
 
 
 def test_what_the_architecture_names_exists():
-    quoted = re.findall(r'`(?:sma_sim/)?([a-z_]+/[a-z_/]*[a-z_]+\.py)(?:::(\w+))?`', ARCHITECTURE.read_text())
+    quoted = re.findall(r'`(?:sma_sim/)?(?!test/)([a-z_]+/[a-z_/]*[a-z_]+\.py)(?:::(\w+))?`', ARCHITECTURE.read_text())
     assert len(quoted) > 20
     for path, name in quoted:
         file = ROOT / 'sma_sim' / path
@@ -147,3 +147,15 @@ def test_what_the_architecture_names_exists():
         body = ast.parse(file.read_text()).body
         defined = {node.name for node in body if isinstance(node, ast.FunctionDef | ast.ClassDef)}
         assert not name or name in defined, f'{path}::{name}'
+
+
+def test_places_where_things_are_put_exist():
+    """Files, folders and names in the table: whoever follows it finds them at the first try."""
+    table = ARCHITECTURE.read_text().split('## Where do I put')[1].split('\n## ')[0]
+    places = re.findall(r'`([\w./]+(?:\.(?:py|js|toml)|/))`', table)
+    assert len(places) > 40
+    known = {file.name for file in (ROOT / 'sma_sim').rglob('*')}
+    missing = [one for one in places if not (ROOT / one).exists() and not ('/' not in one and one in known)]
+    assert [one for one in missing if not (ROOT / 'sma_sim' / one).exists()] == []
+    sources = '\n'.join(file.read_text() for file in (ROOT / 'sma_sim').rglob('*.py'))
+    assert [name for name in re.findall(r'`(\w+)`', table) if not re.search(rf'\b{name}\b', sources)] == []
