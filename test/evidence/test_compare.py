@@ -10,7 +10,18 @@ import pytest
 from measured_runs import CHANNELS, truth, write_isotherm, write_module_runs
 from scipy import signal, stats
 
-from sma_sim import Model, module_input, read_config, simulate
+from sma_sim import (
+    Dataset,
+    DiagnosisRequest,
+    FitOptions,
+    Model,
+    Recording,
+    calibrate,
+    diagnose,
+    module_input,
+    read_config,
+    simulate,
+)
 from sma_sim.cli.main import main
 from sma_sim.evidence.data.recordings import read_dataset
 from sma_sim.evidence.data.train_test_split import split_dataset
@@ -404,3 +415,15 @@ def test_regions_that_are_searched_at_once_are_those_of_searches_one_by_one():
         assert np.array_equal(region.mask, inside)
         assert region.quality == pytest.approx((error - time)[inside].sum(), abs=1e-6)
     assert find_regions(Conditions((), np.zeros((0, 400), np.float32)), errors, times) == [None] * 30
+
+
+def test_two_samples_are_few_but_no_mistake():
+    """Statistics of differences, segments and frequencies have next to nothing to work with."""
+    command = module_input([0.0, 2.0, 8.0, 15.0], [0.0, 10.0, 0.0, 0.0])
+    run = simulate(Model(), command, np.array([0.0, 8.0]))
+    recording = Recording('two', 'module', run.time, {'alpha': run['alpha_rad']}, command)
+    dataset, options = Dataset((recording,), {'alpha': 3.5e-4}), FitOptions(free=('beam.E',), kinetics='hybrid', starts=1)
+    assert summarize(compare(dataset, Config())).fitted_error < 0.1
+    assert calibrate(dataset, Config(), options).values['beam.E'] == pytest.approx(2e9, rel=0.1)
+    request = DiagnosisRequest(kinetics='hybrid', options=options, equation=False)
+    assert diagnose(dataset, Config(), request=request).verdict == 'none'
