@@ -102,14 +102,19 @@ def load(path: str | Path, effects: Iterable[Effect] = (), structures: Iterable[
 
 
 def pickled(value: Any) -> tuple[Any, ...]:
-    """How pickle takes a record apart, for other processes; as in files, it holds no code. Raises UserError."""
+    """How pickle takes a record apart, for other processes. Raises UserError where it has code of the user's own."""
     writer = Writer()
     plain = writer.plain(value)
+    for record in writer.objects:
+        for kind, known in (('effect', package_effects()), ('structure', package_structures())):
+            if kind in record and record[kind] not in known and record.get('family') not in known:
+                own = f'{kind} {record[kind]} is your own, and a pickle holds no code'
+                raise UserError(f'{own}: make the configuration in the other process')
     return unpickled, (plain, writer.objects, writer.arrays)
 
 
 def unpickled(plain: Any, objects: list[Any], arrays: Mapping[str, Any]) -> Any:
-    """The record that `pickled` took apart. Raises UserError for effects and structures of the user's own."""
+    """The record that `pickled` took apart."""
     return Reader(Path('a pickle'), arrays, objects, {}, {}).value(plain)
 
 

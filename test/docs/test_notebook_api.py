@@ -2,6 +2,7 @@
 
 import copy
 import importlib.util
+import pickle
 import re
 import sys
 from concurrent.futures import ProcessPoolExecutor
@@ -136,6 +137,13 @@ def test_configurations_go_to_other_processes(method, fitted):
         assert pool.submit(copy.copy, fitted.config).result() == fitted.config
         assert pool.submit(getattr, Model(config), 'config').result() == config
     assert copy.deepcopy([config, Model(config)])[0] is config
+    with pytest.raises(UserError, match='effect fin is your own.*make the configuration in the other process'):
+        pickle.dumps(Config(effects=[own_effect('fin')]))
+    with pytest.raises(UserError, match='structure pusher is your own'):
+        pickle.dumps(Config(system=pusher()))
+    for size in (2, 3):
+        stack = Config({'stack.modules': size}, system='stack')
+        assert pickle.loads(pickle.dumps(stack)) == stack
 
 
 def test_a_wrong_value_of_an_effect_is_shown_as_it_is():
