@@ -132,7 +132,7 @@ def partition(key: Identity, wires: int, antagonistic: bool, leeway: Leeway) -> 
     if count == len(times) - 1:
         return None
     first[count] = len(times) - 1
-    return Partition(times, heating, first[: count + 1], lines[:count], tilts[:count])
+    return Partition(times, heating, first[: count + 1].copy(), lines[:count].copy(), tilts[:count].copy())  # views keep all
 
 
 def held_lines(made: Stretches, heating: Vector, until: float) -> Stretches:
