@@ -35,16 +35,15 @@ class StepResponse(Node):
         self.temperatures[wire] = message.temperature + 273.15
 
     def on_joint_state(self, message):
-        """Answer every state with the command of its time, once there are temperatures too."""
-        if any(map(math.isnan, self.temperatures)):
-            return
+        """Answer every state with the command of its time."""
         now = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
         self.start = self.start or now
-        time = round(now - self.start, 4)
+        time = now - self.start
         J_eq = STEP if BEGIN <= time < END else 0.0
         self.command.publish(Float64(data=J_eq))
-        self.rows.append([time, J_eq, *message.position, *self.temperatures])
-        self.done = time >= STOP
+        if not any(math.isnan(temperature) for temperature in self.temperatures):
+            self.rows.append([f'{time:.4f}', J_eq, *message.position, *self.temperatures])
+        self.done = time > STOP
 
 
 with CommandSession() as session:  # whatever stops it, its last command is zero
