@@ -26,7 +26,7 @@ from sma_sim.model.parameters import beam_constants
 from sma_sim.model.program_parameters import DEFAULTS
 
 POSE_RATE = ('dU_x', 'dU_y', 'dalpha')
-FORMS_TRIED = ('wire_force', 'structure_force')
+SPEEDS = ('v', 'dq')  # fields of the state in which other forms of a law are proposed
 
 
 def variants_of(candidates: Iterable[Candidate], channels: Iterable[str]) -> tuple[Candidate, ...]:
@@ -95,12 +95,12 @@ def forces_by_parameter(effect: Effect, mask: tuple[float, ...]) -> Mapping[str,
 def forms_of(found: FoundEffect) -> tuple[Candidate, ...]:
     """The other forms of the law of an active effect, each probed beside it as it is; none of one in another form.
 
-    Only of laws of forces: how friction depends on speed and load is known to a regularisation. Of what transforms or heats
-    a wire other laws are listed, or have exponents of their own.
+    Only in the speed: how friction builds up with it is a regularisation, not physics. That of guides in another function of
+    the force would be that of joints, and of what transforms or heats a wire other laws are listed.
     """
     effect, made = found.effect, list[Candidate]()
-    for form in forms_of_law(effect) if effect.port in FORMS_TRIED else ():
-        if form != effect.scope.of(form.field):
+    for form in forms_of_law(effect):
+        if form.field not in SPEEDS or form != effect.scope.of(form.field):
             continue
         other = found.in_scope(form)
         own = other.effect.parameters[len(effect.parameters) :]
