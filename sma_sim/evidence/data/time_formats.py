@@ -23,6 +23,7 @@ DURATION = re.compile(r'(\S+) (ms|sec|min|hr)')  # as MATLAB writes the times of
 DURATION_UNITS = {'ms': 1e-3, 'sec': 1.0, 'min': 60.0, 'hr': 3600.0}
 MONTHS = ('jan', 'feb', 'mar', 'apr', 'may', 'jun', 'jul', 'aug', 'sep', 'oct', 'nov', 'dec')
 MAX_MONTH = 12
+NOON = 12  # [h] from which a clock of half days counts again
 HOUR, HALF_DAY, DAY = 3600.0, 43_200.0, 86_400.0  # [s]
 BITS = (16, 32)  # of counters: of Arduino's and of PLCs' clocks
 # [s] after which seconds may start again: those of clocks without a date, and of counters of milli-, micro-, nanoseconds.
@@ -76,7 +77,7 @@ def seconds_of_clock(text: str) -> float:
     if found is None:
         raise ValueError(text)
     hours, minutes, seconds, fraction, half, sign, zone_hours, zone_minutes = found.groups()
-    hour = int(hours) if half is None else int(hours) % MAX_MONTH + (MAX_MONTH if half.lower() == 'pm' else 0)
+    hour = int(hours) if half is None else int(hours) % NOON + (NOON if half.lower() == 'pm' else 0)
     clock = timedelta(hours=hour, minutes=int(minutes), seconds=int(seconds))
     if sign:
         zone = timedelta(hours=int(zone_hours), minutes=int(zone_minutes))

@@ -25,8 +25,6 @@ from sma_sim.evidence.symbolic_regression.term_fits import terms_at
 from sma_sim.solver.simulate import SimulationError
 
 MARGIN = 3.0  # nats by which a fit may gain more than the first order promises: it moves shapes too
-
-
 FORM_SHARE = 0.5  # of what a model leaves, which another form of a law must promise to be fitted before further effects
 
 
