@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.model.argument_checks import as_array, expect
+from sma_sim.model.argument_checks import as_array, as_kelvin, expect
 from sma_sim.model.comparable import Comparable
 from sma_sim.model.errors import UserError
 from sma_sim.model.shown import Shown
@@ -157,7 +157,7 @@ def input_of(times: Sequence[float], columns: Mapping[str, float | Sequence[floa
 
 
 def check_columns(structure: Structure, source: Input) -> None:
-    """Raise UserError where an input has not the columns of a structure."""
+    """Raise UserError where an input has not the columns of a structure, or its temperatures are not kelvin."""
     expected, given = structure.input_columns, source.columns
     heats_one = not source.names and expected == ('J_W', 'T_E_K') and (source.values[:, 0] >= 0.0).all()  # as J_eq does
     if given != expected and not (heats_one and given == INPUT_NAMES[2]):
@@ -167,9 +167,10 @@ def check_columns(structure: Structure, source: Input) -> None:
             f'the input has the columns {", ".join(given)}; system {structure.family!r} takes {", ".join(expected)}: '
             f'make it with {how}'
         )
-    ambient = source.values[:, -1]
-    if not (ambient > 0.0).all():
-        raise UserError(f'input: T_E = {ambient.min():g} K; expected kelvin, more than 0')
+    for name, values in zip(expected, source.values.T, strict=True):
+        if name.endswith('_K'):
+            as_kelvin(f'input: {name}', float(values.min()))
+            as_kelvin(f'input: {name}', float(values.max()))
 
 
 def input_between(source: Input, first: float, last: float) -> Input:

@@ -330,6 +330,22 @@ SHAPES = {
     'command in words': (lambda: module_input([0.0, 1.0], [0.0, 'x']), 'J_eq: expected numbers'),
     'time that goes back': (lambda: module_input([1.0, 0.0], [0.0, 0.0]), 'times must increase'),
     'negative kelvin': (lambda: simulate(Model(), module_input([0.0, 1.0], [0.0, 0.0], -5.0), 10.0), 'expected kelvin'),
+    'degrees Celsius': (
+        lambda: simulate(Model(), module_input([0.0, 1.0], [0.0, 0.0], 25.0), 10.0),
+        'input: T_E_K = 25: expected kelvin between 150 and 2000\n25 deg C are 298.15 K',
+    ),
+    'degrees': (
+        lambda: sma_sim.calibrate(one(channels={'alpha': np.linspace(0.0, 20.0, 13)}), Config()),
+        'recording r, channel alpha: expected radians up to pi, got 18.3333, which looks like degrees; multiply by 0.01745',
+    ),
+    'wires in degrees Celsius': (
+        lambda: recorded(channels={'T_1': np.append(np.full(12, 25.0), np.nan)}),
+        'recording r, channel T_1: expected kelvin, at least 150, got 25, which looks like degrees Celsius; add 273.15',
+    ),
+    'milliwatts': (
+        lambda: sma_sim.compare(one(source=module_input([0.0, 4.0, 8.0, 12.0], [0.0, 9e3, -9e3, 0.0])), Config()),
+        'source, J_eq_W: expected watts, at most 2000, got 9000, which looks like milliwatts; multiply by 0.001',
+    ),
     'column of a channel': (lambda: Recording('r', 'module', TIME, {'alpha_rad': ALPHA}, COMMAND), 'did you mean alpha'),
     'samples': (lambda: Recording('r', 'module', TIME, {'alpha': ALPHA[1:]}, COMMAND), 'expected 13 samples'),
     'system': (lambda: Recording('r', 'modul', TIME, {'alpha': ALPHA}, COMMAND), 'did you mean module'),
@@ -414,8 +430,8 @@ SHAPES = {
 MM = sma_sim.Coordinate('x', 'mm', 1.0)
 
 
-def recorded(time=TIME, source=COMMAND, **more):
-    return Recording('r', 'module', time, {'alpha': ALPHA}, source, **more)
+def recorded(time=TIME, source=COMMAND, channels=None, **more):
+    return Recording('r', 'module', time, channels or {'alpha': ALPHA}, source, **more)
 
 
 def under_load():
@@ -426,8 +442,8 @@ def slider():
     return Config(system='slider')
 
 
-def one():
-    return Dataset(recorded(), {'alpha': 1e-3})
+def one(**more):
+    return Dataset(recorded(**more), {'alpha': 1e-3})
 
 
 @pytest.mark.parametrize('mistake', SHAPES)

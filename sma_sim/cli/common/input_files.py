@@ -54,7 +54,7 @@ def read_input(path: Path, of: Interface, T_E: float, linear: bool, bag: dict[st
     values = [columns[name] for name in imposed]
     for name, column in zip(imposed, values, strict=True):
         if mismatch := mismatch_of(name, column):
-            raise UserError(f'{path}, column {name}: expected {mismatch.expected}, got {mismatch.number:g}')
+            raise UserError(f'{path}, column {name}: {mismatch.words}')
     for name in powers:
         heating = columns.get(name, np.zeros(len(time)))
         if not of.signed and (heating < 0.0).any():

@@ -11,6 +11,7 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.evidence.data.units import check_array
 from sma_sim.model.archive import Saved
 from sma_sim.model.argument_checks import as_array, check_fields, expect
 from sma_sim.model.comparable import Comparable
@@ -190,9 +191,21 @@ class Recording(Shown, Saved, Comparable):
             raise UserError(f'recording {self.name}, ambient_std = {self.ambient_std:g}: expected kelvin, 0 or more')
         if self.unpowered_side not in (-1, 0, 1):
             raise UserError(f'recording {self.name}, unpowered_side = {self.unpowered_side}: expected -1, 0 or 1')
-        object.__setattr__(self, 'time', time)
         numbers = {name: as_array(f'recording {self.name}, {name}', values) for name, values in self.channels.items()}
+        for name, values in numbers.items():
+            if CHANNEL_COLUMNS[name].endswith('_K'):  # a diagnosis looks for other units itself
+                check_array(f'recording {self.name}, channel {name}', CHANNEL_COLUMNS[name], values)
+        object.__setattr__(self, 'time', time)
         object.__setattr__(self, 'channels', {name: numbers[name] for name in known if name in numbers})
+
+    def check_units(self) -> None:
+        """Raise UserError where numbers cannot be in SI units, as it is for files; single outliers aside."""
+        check_array(f'recording {self.name}, time', 'time_s', self.time, measured=False)
+        for name, values in self.channels.items():
+            check_array(f'recording {self.name}, channel {name}', CHANNEL_COLUMNS[name], values)
+        names, source = known_structures()[self.system].input_columns, self.source
+        for name, values, is_measured in zip(names, source.values.T, source.linear, strict=True):
+            check_array(f'recording {self.name}, source, {name}', name, values, is_measured)
 
     def facts(self) -> Mapping[str, str]:
         """What is to be known at a glance."""

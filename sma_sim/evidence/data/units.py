@@ -21,6 +21,7 @@ MAX_MAGNITUDE = {'U': 0.5, 'strain': 0.5, 'J': 2e3}  # [m], [-], [W]: beyond wha
 OFFSET_FRACTION = 0.02  # of the largest heating: a power meter's offset
 MIN_STRESS, MAX_STRESS = 1e4, 1e11  # [Pa] that the largest stress of a run lies between
 MAX_RESISTANCE = 2e3  # [ohm]: 1 m of the thinnest wire, of 25 um, has 1,900; usual actuators have some ohm
+OUTERMOST = 2.0  # [%] of an array, to either side, that may be outliers
 CELSIUS_TO_KELVIN = 'offset: 273.15'
 
 
@@ -28,9 +29,15 @@ class UnitMismatch(NamedTuple):
     """What a column was expected to hold, the number that does not fit, what it looks like, what converts it in a map."""
 
     expected: str
-    number: float
+    got: float | str
     looks_like: str
     conversion: str
+
+    @property
+    def words(self) -> str:
+        """What does not fit."""
+        got = self.got if isinstance(self.got, str) else f'{self.got:g}'
+        return f'expected {self.expected}, got {got}, which looks like {self.looks_like}'
 
 
 def angle_mismatch(values: Vector) -> UnitMismatch | None:
@@ -99,7 +106,27 @@ def resistance_mismatch(values: Vector) -> UnitMismatch | None:
     return UnitMismatch(f'ohm of a wire, positive and at most {MAX_RESISTANCE:g}', middle, *looks_like)
 
 
+def duration_mismatch(time: Vector) -> UnitMismatch | None:
+    """How times (k,) cannot be seconds: a run of months or microseconds, a date in the far future."""
+    if len(time) < 2:
+        return None
+    length, first, step = float(time[-1] - time[0]), float(time[0]), float(np.median(np.diff(time)))
+    if MIN_DURATION <= length <= MAX_DURATION and first < LATEST_DATE:
+        return None
+    if length < MIN_DURATION:
+        got, unit, scale = f'a run of {length:g} s', 'days, as spreadsheets count them', 86400.0
+    else:
+        got = f'a run of {length:g} s' if length > MAX_DURATION else f'a date {first:g} s after 1970'
+        smaller = {'milliseconds': 1e-3, 'microseconds': 1e-6, 'nanoseconds': 1e-9}
+        unit, scale = next(
+            (one for one in smaller.items() if one[1] * first < LATEST_DATE and one[1] * step <= SLOW_STEP),
+            ('nanoseconds', 1e-9),
+        )
+    return UnitMismatch('seconds', got, unit, f'scale: {scale:g}')
+
+
 CHECKS: dict[str, Callable[[Vector], UnitMismatch | None]] = {
+    'time_s': duration_mismatch,
     'J_eq_W': power_mismatch,
     'J_W': heating_mismatch,
     'T_E_K': temperature_mismatch,
@@ -140,32 +167,23 @@ def check_unit(path: Path, name: str, values: Vector, column: str) -> None:
     """
     if mismatch := mismatch_of(name, values):
         raise UserError(
-            f'{path}, column {name}: expected {mismatch.expected}, got {mismatch.number:g}, which looks like '
-            f'{mismatch.looks_like}; a map (--map) can convert: {name}: {{column: {in_yaml(column)}, {mismatch.conversion}}}'
+            f'{path}, column {name}: {mismatch.words}; a map (--map) can convert: '
+            f'{name}: {{column: {in_yaml(column)}, {mismatch.conversion}}}'
         )
+
+
+def check_array(where: str, name: str, values: Vector, measured: bool = True) -> None:
+    """As `check_unit`, of an array; the outermost values of what is `measured` may be outliers, of which files are rid."""
+    known = values[np.isfinite(values)]
+    if measured and len(known):
+        low, high = np.percentile(known, (OUTERMOST, 100.0 - OUTERMOST))
+        known = known[(known >= low) & (known <= high)]
+    if mismatch := mismatch_of(name, known):
+        kind, _, number = mismatch.conversion.partition(': ')
+        raise UserError(f'{where}: {mismatch.words}; {"add" if kind == "offset" else "multiply by"} {number}')
 
 
 def slow_sampling(time: Vector) -> list[str]:
     """A note where a module is sampled so slowly that its time may be in milliseconds."""
     step = float(np.median(np.diff(time)))
     return [f'a sample every {step:g} s: is time_s in seconds?'] if step > SLOW_STEP else []
-
-
-def check_duration(path: Path, time: Vector, column: str) -> None:
-    """Raise UserError where time cannot be in seconds: a run of months or microseconds, a date in the far future."""
-    length, first, step = float(time[-1] - time[0]), float(time[0]), float(np.median(np.diff(time)))
-    if MIN_DURATION <= length <= MAX_DURATION and first < LATEST_DATE:
-        return
-    if length < MIN_DURATION:
-        got, unit, scale = f'a run of {length:g} s', 'days, as spreadsheets count them', 86400.0
-    else:
-        got = f'a run of {length:g} s' if length > MAX_DURATION else f'a date {first:g} s after 1970'
-        smaller = {'milliseconds': 1e-3, 'microseconds': 1e-6, 'nanoseconds': 1e-9}
-        unit, scale = next(
-            (one for one in smaller.items() if one[1] * first < LATEST_DATE and one[1] * step <= SLOW_STEP),
-            ('nanoseconds', 1e-9),
-        )
-    raise UserError(
-        f'{path}, column time_s: expected seconds, got {got}, which looks like {unit}; a map (--map) can convert: '
-        f'time_s: {{column: {in_yaml(column)}, scale: {scale:g}}}'
-    )

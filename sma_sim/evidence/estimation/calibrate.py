@@ -36,7 +36,7 @@ from sma_sim.evidence.estimation.levenberg_marquardt import minimize
 from sma_sim.evidence.estimation.log_evidence import DECISIVE, kinetics_probabilities, log_evidences
 from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.plausibility import MATERIALS, ImplausibleParameter, implausible_of, with_usual_limits
-from sma_sim.evidence.estimation.prepared_fit import PreparedFit, check_kinetics, check_systems, prepare
+from sma_sim.evidence.estimation.prepared_fit import PreparedFit, check_data, check_kinetics, prepare
 from sma_sim.evidence.estimation.problem import AMBIENT, DELAY, START, LinearizedRun, Problem, cost_at, feasible, start_point
 from sma_sim.evidence.estimation.residuals import ZERO_STDS, FitData, fit_data, hidden_rtol, leeway_for
 from sma_sim.evidence.estimation.run_estimates import ParameterByRun, ReducedRun, estimates_by_run, reduced_run
@@ -308,7 +308,7 @@ def calibrate(
     '2e+09'
     """
     options, t_start = options or FitOptions(), time.perf_counter()
-    check_systems(dataset, config)
+    check_data(dataset, config)
     start = prepare(dataset, config, options.kinetics, options.names)
     with executor_or_threads(executor) as pool, progress_line('fitting') as line:
         heard = progress or (lambda *step: line.show(iteration_words(*step)))

@@ -63,6 +63,13 @@ def check_systems(dataset: Dataset, config: Config) -> None:
             )
 
 
+def check_data(dataset: Dataset, config: Config) -> None:
+    """As `check_systems`, and for numbers that cannot be in SI units."""
+    check_systems(dataset, config)
+    for recording in dataset.recordings:
+        recording.check_units()
+
+
 def with_nuisance_effects(config: Config, dataset: Dataset) -> Config:
     """The configuration with the effects that the dataset's map declares, at their neutral values; active ones stay.
 

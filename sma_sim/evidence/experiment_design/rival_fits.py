@@ -21,7 +21,7 @@ from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize
 from sma_sim.evidence.estimation.log_evidence import more_probable
 from sma_sim.evidence.estimation.overdispersion import overdispersion
-from sma_sim.evidence.estimation.prepared_fit import check_systems, prepare
+from sma_sim.evidence.estimation.prepared_fit import check_data, prepare
 from sma_sim.evidence.estimation.problem import accumulated, cost_at, measured_steps, normal_parts
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS, StopCriteria
@@ -95,7 +95,7 @@ class ModelHypothesis:
 def fit_base_model(training: Dataset, config: Config, models: Sequence[str], context: SearchContext) -> FitResult:
     """The configuration as it is, with the more probable of the kinetics."""
     options = FitOptions(starts=BASE_FIT_STARTS)
-    check_systems(training, config)
+    check_data(training, config)
     fits, start = list[FitResult](), prepare(training, config)
     for model in models:
         context.on_progress(f'fitting the {model} model')

@@ -22,7 +22,7 @@ from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.injection_points import Port, ports_of
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize
 from sma_sim.evidence.estimation.overdispersion import overdispersion
-from sma_sim.evidence.estimation.prepared_fit import check_kinetics, check_systems, prepare
+from sma_sim.evidence.estimation.prepared_fit import check_data, check_kinetics, prepare
 from sma_sim.evidence.estimation.problem import Problem, residuals_at, start_point
 from sma_sim.evidence.estimation.search_context import OnProgress, SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS, TEMPERED
@@ -150,7 +150,7 @@ def estimate_latent_inputs(
     'none'
     """
     t_start, request, stop = time.perf_counter(), request or LatentRequest(), Event()
-    check_systems(dataset, config)
+    check_data(dataset, config)
     training, _ = hold_out_last(dataset, held_out)
     if config.structure.structure.is_quasi_static:
         raise UserError(

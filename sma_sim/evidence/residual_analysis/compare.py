@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording, in_order
 from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, calibrate
 from sma_sim.evidence.estimation.held_out_prediction import RunFit, evaluate_held_out, nuisances_of
-from sma_sim.evidence.estimation.prepared_fit import check_systems, on_leading_bench
+from sma_sim.evidence.estimation.prepared_fit import check_data, on_leading_bench
 from sma_sim.evidence.estimation.residuals import FitData, Nuisance, fit_data, model_columns
 from sma_sim.evidence.estimation.search_context import silent_iteration
 from sma_sim.evidence.residual_analysis.wire_states import with_derived_states
@@ -165,7 +165,7 @@ def compare(
     """
     for recordings in (dataset, held_out):
         if recordings is not None:
-            check_systems(recordings, config)
+            check_data(recordings, config)
     options = FitOptions(free=(), kinetics=config.simulated_kinetics, starts=1, intervals=False)
     config = on_leading_bench(config, dataset)
     if nuisances:
