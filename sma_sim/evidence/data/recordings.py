@@ -18,6 +18,7 @@ from sma_sim.evidence.data.noise import noise_by_channel
 from sma_sim.evidence.data.quasi_static import error_by_temperature, temperature_error
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, CHANNELS_OF, Dataset, Recording, Vector, in_order
 from sma_sim.evidence.data.repeatability import with_bench
+from sma_sim.evidence.data.repeated_values import without_repeated_values
 from sma_sim.evidence.data.rosbag.bag_files import is_bag
 from sma_sim.evidence.data.rosbag.commands import NODE_LIMITS, CommandLimits
 from sma_sim.evidence.data.sources import COLUMNS_BY_SYSTEM, checked_noise, read_noise_file, read_source, recordings_in
@@ -105,7 +106,7 @@ def read_dataset(
     stated = noise_from_folders([path for path, _ in files], channels, notes) | given
     recordings = tuple(map(partial(without_sample_noise, channels=given), recordings))
     noise = dataset_noise(recordings, stated, notes)
-    return with_bench(Dataset(recordings, noise, tuple(notes)), columns.of_bench())
+    return without_repeated_values(with_bench(Dataset(recordings, noise, tuple(notes)), columns.of_bench()))
 
 
 def read_recording(path: Path, system: str, T_E: float, mapping: Path | None = None) -> tuple[Recording, ...]:

@@ -31,6 +31,7 @@ from sma_sim.evidence.estimation.free_parameters import (
     under_nuisance_priors,
     with_nuisance_names,
 )
+from sma_sim.evidence.estimation.heat_balance import shown_by_warming
 from sma_sim.evidence.estimation.held_out_prediction import RunFit, mean_error, run_fits, with_starts
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize
 from sma_sim.evidence.estimation.log_evidence import DECISIVE, kinetics_probabilities, log_evidences
@@ -355,6 +356,9 @@ def problem_for(dataset: Dataset, config: Config, options: FitOptions, every: in
     chosen = choose_free(config, names, dataset.channels)[0]
     free = with_usual_limits(under_nuisance_priors(chosen, dataset), config, options.material)
     runs = tuple(fit_data(recording, dataset.noise_std, every, rtol, step_limited) for recording in dataset.recordings)
+    if dataset.floor:
+        shares = {name: (floor / dataset.noise_std[name]) ** 2 for name, floor in dataset.floor.items()}
+        runs = tuple(replace(run, floor_shares=tuple(shares.get(name, 0.0) for name in run.channels)) for run in runs)
     quasi_static = all(structure.is_quasi_static for structure in structures)
     delay = 0.0 if quasi_static else None
     problem = Problem(config, runs, free, options.robust, delay, material=options.material).at_tolerance(rtol)
@@ -388,7 +392,8 @@ def multistart_search(
     config, longest = start.config, max(len(recording.time) for recording in start.dataset.recordings)
     thinned = problem_for(start.dataset, config, options, max(1, longest // SEARCH_SAMPLES))
     subset = run_subset(thinned)
-    points = starting_points(subset, shown_by_curves(start.curves, config), options.starts, options.seed, context.pool)
+    shown = shown_by_curves(start.curves, config) | shown_by_warming(start.dataset, config)
+    points = starting_points(subset, shown, options.starts, options.seed, context.pool)
     weak = replace(criteria, damping=WEAKLY_DAMPED.damping)
     jobs = [
         partial(

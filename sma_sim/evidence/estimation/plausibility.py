@@ -25,6 +25,7 @@ from sma_sim.model.parameters import Parameter
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
+USUAL_STDS = 2.0  # of a prior as wide as what is usual: of normal values all but a twentieth lie within
 RANGE_TOLERANCE = 0.1  # fraction of a realistic range by which a value may lie beyond it: literature is not sharper
 WHERE_IT_TRANSFORMS = ('wire.T0', 'wire.sigma_MW0')
 STIFFER, SOFTER = 'wire.E_A', 'wire.E_M'  # austenite is the stiffer phase of NiTi
@@ -260,7 +261,8 @@ def usual_ranges(material: Material, config: Config) -> dict[str, Range]:
 
 
 def with_usual_limits(free: Sequence[FreeParameter], config: Config, material: str = '') -> tuple[FreeParameter, ...]:
-    """Free parameters whose limits hold what is usual of such a wire, where a value is but the default of another robot."""
+    """Free parameters whose limits and priors hold what is usual of such a wire, where a value is but the default of another
+    robot, which says no more of this one: the farther end of what is usual is as improbable as two standard deviations."""
     known = material_of(config, material)
     usual = usual_ranges(known, config) if known else {}
     defaults = config.structure.structure.default_values
@@ -268,7 +270,9 @@ def with_usual_limits(free: Sequence[FreeParameter], config: Config, material: s
     for one in free:
         if one.name in usual and config.parameters[one.name] == defaults[one.name] and one.name not in config.priors:
             low, high = map(one.coordinate, usual[one.name])
-            one = replace(one, low=min(one.low, low), high=max(one.high, high))
+            wider = max(1.0, -low / USUAL_STDS, high / USUAL_STDS)
+            limits = min(one.low, low) / wider, max(one.high, high) / wider
+            one = replace(one, scale=one.scale * wider, low=limits[0], high=limits[1], plausible=one.plausible / wider)
         found.append(one)
     return tuple(found)
 

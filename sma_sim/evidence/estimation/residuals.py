@@ -56,7 +56,8 @@ class FitData:
     stress [Pa] of an isobaric test, NaN of others. `zero_range`: of an unknown zero of the strain gauge. `starts`: wires of
     which it is unknown where they begin within the hysteresis. `leeway`: how far a command that changes at every moment may
     be smoothed. `correction` (channels, k): what the weighted residuals of a run are more than those of one under the
-    smoothed command, at a point nearby; without it runs are made row by row.
+    smoothed command, at a point nearby; without it runs are made row by row. `floor_shares`: by channel, the part of the
+    variance of the noise that is what repeated experiments differ by; empty where that is not known.
     """
 
     name: str
@@ -80,6 +81,7 @@ class FitData:
     starts: int = 0
     leeway: Leeway | None = None
     correction: NDArray[np.float64] | None = None
+    floor_shares: tuple[float, ...] = ()
 
     @property
     def is_quasi_static(self) -> bool:
@@ -141,7 +143,7 @@ def hidden_rtol(dataset: Dataset) -> float:
 def fit_data(
     recording: Recording, noise_std: Mapping[str, float], every: int = 1, floor: float = 0.0, step_limited: bool = False
 ) -> FitData:
-    """A recording with its weights, every `every`-th sample. `floor` is the solver's relative error (solver.rtol).
+    """A recording with its weights, every `every`-th sample of a channel. `floor`: the solver's relative error, solver.rtol.
 
     Raises UserError when no channel was measured, or when the noise of one is not known.
     """
@@ -155,10 +157,13 @@ def fit_data(
             raise UserError(f'{recording.name}: no noise is known for channel {name}; give it as noise_std in meta.json')
     structure = known_structures()[recording.system]
     sizes = dict(zip(structure.channels, channel_scales(structure), strict=True))
-    measured = np.array([recording.channels[name][::every] for name in channels], dtype=float)
+    rows = np.zeros(len(recording.time), dtype=bool)
+    for name in channels:
+        rows[np.flatnonzero(np.isfinite(recording.channels[name]))[::every]] = True
+    measured = np.array([recording.channels[name][rows] for name in channels], dtype=float)
     noise = [
         np.maximum(
-            np.hypot(sample_noise(recording, name, noise_std)[::every], SOLVER_NOISE * floor * sizes.get(name, 0.0)), 1e-12
+            np.hypot(sample_noise(recording, name, noise_std)[rows], SOLVER_NOISE * floor * sizes.get(name, 0.0)), 1e-12
         )
         for name in channels
     ]
@@ -169,7 +174,7 @@ def fit_data(
     return FitData(
         name=recording.name,
         channels=channels,
-        time=np.asarray(recording.time, float)[::every],
+        time=np.asarray(recording.time, float)[rows],
         measured=np.where(present, measured, 0.0),
         weight=present / np.array(noise),
         source=without_repeats(simplified_input(recording, noise_std)),

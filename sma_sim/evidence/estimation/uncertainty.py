@@ -52,6 +52,7 @@ RISES_BY = 0.25  # part of what derivatives say, by which the cost rises at the 
 MAX_DOUBLINGS = 30  # of an interval at whose ends it does not: from rounding to the bounds of a fit
 UNKNOWN_STD = 1e3  # of a coordinate of which data say nothing
 RULED_OUT = 0.5 * GAUSS_95**2  # log odds: what costs less lies within a 95 % interval
+ROUNDING = 1e-15  # of a precision in units of its own diagonal: a smaller eigenvalue is rounding error
 
 
 @dataclass(frozen=True, repr=False)
@@ -190,10 +191,10 @@ def uncertainty(problem: Problem, z: Vector, runs: Sequence[RunInformation]) -> 
         scattered[at] += np.einsum('c,cuv->uv', run.overdispersion, run.by_channel)
         said[at] += np.einsum('c,cuv->uv', 1.0 / run.overdispersion, run.by_channel)
         scores[at] += long_run(run.scores, max(times.values()))
-    inverse = np.linalg.inv(hessian)
+    inverse = inverse_of_precision(hessian)
     covariance = inverse @ scattered @ inverse
     variance = np.maximum(np.diag(covariance), np.diag(inverse @ scores @ inverse))
-    information = np.linalg.inv(np.linalg.inv(said)[:p, :p]) - BOUND_STDS**-2.0 * np.eye(p) if p else np.zeros((0, 0))
+    information = np.linalg.inv(inverse_of_precision(said)[:p, :p]) - BOUND_STDS**-2.0 * np.eye(p) if p else np.zeros((0, 0))
     size, vectors = np.linalg.eigh(information)
     unknown = vectors[:, size < PRIOR_INFORMATION]
     return Uncertainty(
@@ -208,6 +209,15 @@ def uncertainty(problem: Problem, z: Vector, runs: Sequence[RunInformation]) -> 
         delay_std=float('nan') if problem.delay is not None else problem.shared[p].scale * float(np.sqrt(variance[p])),
         ambient=ambient_differences(problem, z, (covariance, inverse @ scores @ inverse)),
     )
+
+
+def inverse_of_precision(precision: Matrix) -> Matrix:
+    """The covariance (n, n) of a precision (n, n); of directions that data do not see it is large, and positive in spite of
+    rounding errors."""
+    size = 1.0 / np.sqrt(np.diag(precision))
+    values, axes = np.linalg.eigh(np.outer(size, size) * precision)
+    found: Matrix = np.outer(size, size) * ((axes / np.maximum(values, ROUNDING)) @ axes.T)
+    return found
 
 
 def known_ambient(problem: Problem, z: Vector, executor: Executor) -> Mapping[str, AmbientDifference]:
@@ -267,7 +277,7 @@ def checked_by_runs(
     the cost is to have risen by a part of what the derivatives say.
     """
     hessian = accumulated((run.equations for run in runs), z, problem.tempering)[2]
-    inverse, (low, high) = np.linalg.inv(hessian), problem.limits()
+    inverse, (low, high) = inverse_of_precision(hessian), problem.limits()
     along, base = inverse / np.diag(inverse), costs_at(problem, [z], executor)[0]
     pairs = list(zip(problem.free, known.intervals, strict=True))
     first = np.array(
@@ -341,8 +351,8 @@ def direction(free: Sequence[FreeParameter], vector: Vector, information: float)
 
 def correlations(covariance: Matrix) -> Matrix:
     """Correlation coefficients."""
-    std = np.sqrt(np.diag(covariance))
-    found: Matrix = covariance / np.outer(std, std) if len(std) else covariance
+    std = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+    found: Matrix = np.clip(covariance / np.outer(std, std), -1.0, 1.0) if len(std) else covariance
     return found
 
 

@@ -39,15 +39,16 @@ def log_bounded_integral(slope: Vector, precision: Matrix, low: Vector, high: Ve
     pull = 0.5 * factor * np.where(np.isfinite(width), [low, high], 0.0).sum(axis=0)
     total, before, rounds = inf, -inf, 0
     while abs(total - before) > EXACT and rounds < ROUNDS:
-        whole = precision + np.diag(factor)
-        covariance = np.linalg.inv(whole)
+        precisions, axes = np.linalg.eigh(precision + np.diag(factor))
+        precisions = np.maximum(precisions, ROUNDING)
+        covariance = (axes / precisions) @ axes.T
         mean, variance = covariance @ (pull - slope), np.diag(covariance)
         others = np.maximum(1.0 / variance - factor, SMALLEST / variance)
         towards = mean / variance - pull
         inside, means, variances = between_bounds(towards, others, low, high)
         normal = 0.5 * (mean**2 / variance + np.log(variance))
         before = total
-        total = float(np.sum(inside - normal)) + 0.5 * float((pull - slope) @ mean - np.linalg.slogdet(whole)[1])
+        total = float(np.sum(inside - normal)) + 0.5 * float((pull - slope) @ mean - np.log(precisions).sum())
         needed = np.maximum(1.0 / variances - others, 0.0)
         pull = KEPT * pull + (1.0 - KEPT) * (means * (needed + others) - towards)
         factor = KEPT * factor + (1.0 - KEPT) * needed

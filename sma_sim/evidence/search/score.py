@@ -146,7 +146,8 @@ def evidence_at(problem: Problem, z: Vector, linear: Sequence[LinearizedRun], lo
     return Evidence(
         z, low, high, precision, tuple(normal_equations(run, problem.robust) for run in linear),
         profiled_information(problem), log_prior + log_density,
-        overdispersion_of(problem, [run.residuals for run in linear]), unlisted_evidence(linear),
+        overdispersion_of(problem, [run.residuals for run in linear]),
+        unlisted_evidence(linear, [run.floor_shares for run in problem.runs]),
     )  # fmt: skip
 
 
@@ -190,31 +191,49 @@ def profiled_information(problem: Problem) -> tuple[Vector, ...]:
     )
 
 
-def unlisted_evidence(linear: Sequence[LinearizedRun]) -> float:
-    """Log Bayes factor of an unknown smooth function of time in one channel, in all recordings, beside white noise.
+def unlisted_evidence(linear: Sequence[LinearizedRun], floor_shares: Sequence[Sequence[float]] = ()) -> float:
+    """Log Bayes factor of an unknown smooth function of time in one channel, in all recordings, beside noise.
 
     A Gaussian process with covariance a^2 exp(-|t - t'|/l) has nearly independent cosine coefficients d_j of variance
-    1 + a^2 s_j(l), which gives the sum over j of (d_j^2 (1 - 1/v_j) - log v_j)/2; averaged over amplitudes a and correlation
-    times l, and over the channels.
+    a^2 s_j(l), which white noise of variance 1 adds to; averaged over amplitudes a and correlation times l, and over the
+    channels. `floor_shares`: by run and channel, the part f of the variance of the noise that is what repeated experiments
+    differ by. That lasts as well, so that noise alone has coefficients of variance 1 - f + f s_j(l), averaged over l.
     """
     channels = max(len(run.residuals) for run in linear)
+    shares = floor_shares or [[0.0] * channels] * len(linear)
     factors = []
     for channel in range(channels):
-        rows = [run.residuals[channel] for run in linear if channel < len(run.residuals)]
-        spectra = [dct(measured(row), norm='ortho') ** 2 for row in rows if np.any(row)]
+        rows = [
+            (run.residuals[channel], share[channel] if share else 0.0)
+            for run, share in zip(linear, shares, strict=True)
+            if channel < len(run.residuals)
+        ]
+        spectra = [(dct(measured(row), norm='ortho') ** 2, share) for row, share in rows if np.any(row)]
         if spectra:
-            by_prior = [sum(log_factor(power, a, period) for power in spectra) for a in AMPLITUDES for period in PERIODS]
-            factors.append(log_mean(by_prior))
+            noises = PERIODS if any(share for _, share in spectra) else PERIODS[:1]  # all alike where no part of it lasts
+            alone = [sum(log_density(power, share, noise) for power, share in spectra) for noise in noises]
+            beside = [
+                sum(log_density(power, share, noise, a, period) for power, share in spectra)
+                for noise in noises
+                for a in AMPLITUDES
+                for period in PERIODS
+            ]
+            factors.append(log_mean(beside) - log_mean(alone))
     return log_mean(factors) if factors else 0.0
 
 
-def log_factor(power: Vector, amplitude: float, periods: float) -> float:
-    """The log Bayes factor of one row from its squared cosine coefficients (k,)."""
-    k = len(power)
-    frequency = np.pi * np.arange(k) / k
+def log_density(power: Vector, share: float, noise: float, amplitude: float = 0.0, periods: float = 1.0) -> float:
+    """The log density of the squared cosine coefficients (k,) of one row, up to a constant: under noise, of whose variance a
+    `share` changes after `noise` parts of the length, and a function of this amplitude that changes after `periods` ones."""
+    variance = 1.0 - share + share * spectrum_of(len(power), noise) + amplitude**2 * spectrum_of(len(power), periods)
+    return -0.5 * float(np.sum(power / variance + np.log(variance)))
+
+
+def spectrum_of(k: int, periods: float) -> Vector:
+    """The variances (k,) of the cosine coefficients of a process of variance 1 that changes after a part of the length."""
     length = k / periods
-    variance = 1.0 + amplitude**2 * 2.0 * length / (1.0 + (length * frequency) ** 2)
-    return 0.5 * float(np.sum(power * (1.0 - 1.0 / variance) - np.log(variance)))
+    found: Vector = 2.0 * length / (1.0 + (length * np.pi * np.arange(k) / k) ** 2)
+    return found
 
 
 def log_mean(values: Sequence[float]) -> float:

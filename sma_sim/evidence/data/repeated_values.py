@@ -1,0 +1,96 @@
+"""Values that a recording repeats, because of a coarse resolution or a sensor that is slower than it, are one measurement.
+
+While a quantity moves by less than the resolution of its sensor, the rounding error stays what it is: a thousand rows of one
+value tell what one row tells. Where noise is larger than the resolution, it makes the error of each row another one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
+
+from sma_sim.evidence.data.display_units import in_display_unit
+from sma_sim.evidence.data.noise import Noise, noise_by_channel
+from sma_sim.evidence.data.recording import Dataset, Recording, Vector
+from sma_sim.model.structures.discovery import known_structures
+
+SHORT, EDGE = (
+    0.1,
+    9,
+)  # of the longest of so many stretches of equal values: what noise makes at the edge of a step is shorter
+
+
+def without_repeated_values(dataset: Dataset) -> Dataset:
+    """The dataset with one row for each value that is repeated, and notes on it.
+
+    All rows stay of channels whose noise hides the resolution, or is stated by row or by what repeated experiments differ
+    by; and of quasi-static tests, whose curves are read from them.
+    """
+    estimates, noise = noise_by_channel(dataset.recordings), dataset.noise_std
+    repeating = {
+        name: one
+        for name, one in estimates.items()
+        if (one.held or 0.0 < noise[name] < one.step) and name not in dataset.floor
+    }
+    recordings = tuple(with_one_row_each(recording, repeating) for recording in dataset.recordings)
+    notes = [
+        note_of(name, one, samples(dataset.recordings, name), left)
+        for name, one in repeating.items()
+        for left in (samples(recordings, name),)
+        if left < samples(dataset.recordings, name)
+    ]
+    return replace(dataset, recordings=recordings, notes=(*dataset.notes, *notes))
+
+
+def with_one_row_each(recording: Recording, repeating: Mapping[str, Noise]) -> Recording:
+    """The recording with these channels where their values are new; rows without any measurement are left out, but the first
+    and the last one."""
+    own = [name for name in repeating if name in recording.channels and name not in recording.sample_std]
+    if not own or known_structures()[recording.system].is_quasi_static:
+        return recording
+    channels = dict(recording.channels)
+    for name in own:
+        values = np.asarray(channels[name], dtype=float)
+        channels[name] = np.where(is_new(values, repeating[name].held), values, np.nan)
+    rows = np.any([np.isfinite(values) for values in channels.values()], axis=0)
+    rows[[0, -1]] = True
+    return replace(
+        recording,
+        time=np.asarray(recording.time)[rows],
+        channels={name: np.asarray(values)[rows] for name, values in channels.items()},
+        sample_std={name: np.asarray(stds)[rows] for name, stds in recording.sample_std.items()},
+    )
+
+
+def is_new(values: Vector, held: bool) -> NDArray[np.bool_]:
+    """The rows (k,) that stand for those of equal values beside them: the first of a slow sensor (`held`), whose values grow
+    old; else the middle one, where what moves is nearest to the middle of a step of the resolution. None stands for short
+    returns to the step before: at the edge of two, noise decides between them."""
+    known = np.flatnonzero(np.isfinite(values))
+    found = np.zeros(len(values), dtype=bool)
+    if len(known):
+        first = np.flatnonzero(np.diff(values[known], prepend=np.nan) != 0.0)
+        last = np.append(first[1:], len(known)) - 1
+        rows, level = known[first if held else (first + last) // 2], values[known[first]]
+        count = last - first + 1
+        returns = np.zeros(len(first), dtype=bool)
+        returns[1:-1] = level[:-2] == level[2:]
+        at_edge = returns & (count < SHORT * maximum_filter1d(count, EDGE))
+        found[rows if held else rows[~at_edge]] = True
+    return found
+
+
+def samples(recordings: tuple[Recording, ...], channel: str) -> int:
+    """How many values of a channel the recordings have."""
+    return sum(int(np.isfinite(one.channels[channel]).sum()) for one in recordings if channel in one.channels)
+
+
+def note_of(channel: str, noise: Noise, before: int, after: int) -> str:
+    """What was left out, in words."""
+    slow = 'the sensor is slower than the recording'
+    why = slow if noise.held else f'the resolution of {in_display_unit(channel, noise.step)} is coarser than the noise'
+    return f'{channel}: {after} of {before} values count, the others repeat them ({why})'
