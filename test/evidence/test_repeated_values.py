@@ -49,14 +49,15 @@ def test_noise_that_hides_the_resolution_keeps_every_row(noise):
     assert without_repeated_values(given) == given
 
 
-def test_a_channel_of_lower_rate_keeps_its_share_of_thinned_samples():
-    """Every fourth sample of a channel that is measured at every fourth instant, whatever its phase."""
+@pytest.mark.parametrize('phase', range(4))
+def test_a_channel_of_lower_rate_keeps_its_share_of_thinned_samples(phase):
+    """At least every fourth sample of a channel that is measured at every fourth instant, whatever its phase."""
     time, T = slow_warming()
-    sparse = np.where(np.arange(len(time)) % 4 == 1, T, np.nan)
+    sparse = np.where(np.arange(len(time)) % 4 == phase, T, np.nan)
     recording = Recording('a', 'wire', time, {'T': sparse, 'stress': T * 1e5}, WARMING)
     data = fit_data(recording, {'T': 0.1, 'stress': 1e4}, every=4)
     counts = dict(zip(data.channels, np.count_nonzero(data.weight, axis=1), strict=True))
-    assert counts['T'] == np.ceil(np.isfinite(sparse).sum() / 4)
+    assert counts['T'] >= np.isfinite(sparse).sum() / 4
     assert len(time) / 4 <= counts['stress'] <= len(time) / 4 + counts['T']
 
 

@@ -157,9 +157,7 @@ def fit_data(
             raise UserError(f'{recording.name}: no noise is known for channel {name}; give it as noise_std in meta.json')
     structure = known_structures()[recording.system]
     sizes = dict(zip(structure.channels, channel_scales(structure), strict=True))
-    rows = np.zeros(len(recording.time), dtype=bool)
-    for name in channels:
-        rows[np.flatnonzero(np.isfinite(recording.channels[name]))[::every]] = True
+    rows = thinned_rows([np.isfinite(recording.channels[name]) for name in channels], every)
     measured = np.array([recording.channels[name][rows] for name in channels], dtype=float)
     noise = [
         np.maximum(
@@ -191,6 +189,16 @@ def fit_data(
         zero_range=zero_range(recording, level),
         starts=0 if structure.is_quasi_static else structure.wires,
     )
+
+
+def thinned_rows(known: Sequence[NDArray[np.bool_]], every: int) -> NDArray[np.bool_]:
+    """Every `every`-th row (k,), and of a channel of lower rate, of which these hold less than half its share, every
+    `every`-th row where it is `known`."""
+    rows = np.arange(len(known[0])) % every == 0
+    for here in known:
+        if 2 * every * np.count_nonzero(here & rows) < np.count_nonzero(here):
+            rows[np.flatnonzero(here)[::every]] = True
+    return rows
 
 
 def sample_noise(recording: Recording, channel: str, noise_std: Mapping[str, float]) -> Vector:
