@@ -194,7 +194,7 @@ def fit_data(
 def thinned_rows(known: Sequence[NDArray[np.bool_]], every: int) -> NDArray[np.bool_]:
     """Every `every`-th row (k,), and of a channel of lower rate, of which these hold less than half its share, every
     `every`-th row where it is `known`."""
-    rows = np.arange(len(known[0])) % every == 0
+    rows: NDArray[np.bool_] = np.arange(len(known[0])) % every == 0
     for here in known:
         if 2 * every * np.count_nonzero(here & rows) < np.count_nonzero(here):
             rows[np.flatnonzero(here)[::every]] = True
