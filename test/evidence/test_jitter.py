@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from isobaric_runs import BENCH, isobaric_tests
 from simulated_data import command, config, recording
 
-from sma_sim import Model, Recording, simulate, wire_input
+from sma_sim import Model, Recording, read_config, simulate, wire_input
 from sma_sim.evidence.estimation.residuals import corners, fit_data, predict, simplified_input
 
 NOISE = {'stress': 1e6}
@@ -43,6 +44,18 @@ def test_what_is_left_out_is_within_the_noise_of_the_stress(noise):
     kept = simplified_input(run, {'stress': noise})
     apart = np.interp(run.source.times, kept.times, kept.values[:, 0]) - run.source.values[:, 0]
     assert np.abs(apart).max() <= 2.0 * noise / 6e10 * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize(('column', 'noise', 'widest'), [(0, 4e4, 1e5), (1, 0.04, 0.1)])
+def test_an_imposed_stress_or_temperature_is_kept_to_what_moves_no_strain(column, noise, widest):
+    """To 0.1 MPa or 0.1 K, though four standard deviations of its own noise are more."""
+    (run,) = isobaric_tests(read_config(words=BENCH), (1e8,)).recordings
+    noisy = run.source.values.copy()
+    noisy[:, column] += noise * np.random.default_rng(5).normal(size=len(noisy))
+    kept = simplified_input(replace(run, source=replace(run.source, values=noisy)), {'strain': 1e-4})
+    assert len(kept.times) < 0.8 * len(noisy)
+    apart = np.interp(run.source.times, kept.times, kept.values[:, column]) - noisy[:, column]
+    assert np.abs(apart).max() <= widest * (1.0 + 1e-9)
 
 
 def test_a_strain_without_noise_keeps_its_corners():
