@@ -98,7 +98,7 @@ def map_text(given: Any, request: DataRequest, system: str) -> str:
     if not isinstance(given, dict) or not set(given) <= set(offered):
         raise UserError(f'columns: expected choices for some of {", ".join(offered)}')
     if missing := [name for name in NEEDED_COLUMNS[system] if name not in given]:
-        raise UserError(f'{missing[0]}: choose its column; {" and ".join(NEEDED_COLUMNS[system])} are a must')
+        raise UserError(f'{missing[0]}: choose its column; {" and ".join(NEEDED_COLUMNS[system])} are required')
     lines = {name: line_of(name, entry) for name, entry in given.items()}
     content = yaml.safe_dump({'system': system} | lines, sort_keys=False, allow_unicode=True)
     return f'# Columns as they were chosen on the page of sma-sim explore.\n{content}'

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.tables import read_columns
+from sma_sim.explore.request_values import number
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import wire_constants
@@ -117,7 +118,7 @@ def command_from(data: Any, structure: Structure) -> Command:
     columns = columns_of(structure)
     if not isinstance(data, dict) or data.get('kind') not in KINDS:
         raise UserError(f'command: expected kind to be one of {", ".join(KINDS)}')
-    numbers = {name: number(data.get(name), name) for name in ('duration', 'offset', 'amplitude', 'period')}
+    numbers = {name: number(data.get(name), f'command, {name}') for name in ('duration', 'offset', 'amplitude', 'period')}
     if not 0.0 < numbers['duration'] <= LONGEST:
         raise UserError(f'command: expected a duration above 0 and at most {LONGEST:g} s, got {numbers["duration"]:g} s')
     if not numbers['period'] > 0.0 or numbers['duration'] / numbers['period'] * SINE_POINTS > MAX_ROWS:
@@ -146,14 +147,7 @@ def row_from(row: Any, columns: Sequence[str]) -> tuple[float, ...]:
     """A row of steps. Raises UserError."""
     if not isinstance(row, list | tuple) or len(row) != 1 + len(columns):
         raise UserError(f'command: expected rows of time_s, {", ".join(columns)}')
-    return tuple(number(value, name) for value, name in zip(row, ('time_s', *columns), strict=True))
-
-
-def number(value: Any, name: str) -> float:
-    """A finite number. Raises UserError."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise UserError(f'command, {name}: expected a number, got {value!r}')
-    return float(value)
+    return tuple(number(value, f'command, {name}') for value, name in zip(row, ('time_s', *columns), strict=True))
 
 
 def input_of(command: Command, config: Config) -> Input:

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from sma_sim.compiler.fields_read import forms_of_law
+from sma_sim.explore.request_values import json_number
 from sma_sim.model.config import MODELS, Config
 from sma_sim.model.effects.discovery import FoundEffect
 from sma_sim.model.effects.effect import Effect
@@ -70,8 +71,8 @@ def parameter_data(name: str, parameter: Parameter, value: float, default: float
         'unit': unit,
         'power': power,
         'si': parameter.unit,
-        'value': finite(value),
-        'default': finite(default),
+        'value': json_number(value),
+        'default': json_number(default),
         'low': low,
         'high': high,
         'least': parameter.bounds[0],
@@ -101,11 +102,6 @@ def shown_unit(unit: str, size: float) -> tuple[int, str]:
     power = 3 * math.floor(math.log10(abs(size)) / 3.0 + 1e-9)
     power = min(max(power, min(PREFIXES)), max(PREFIXES))
     return (power, f'{PREFIXES[power]}{first}{slash}{rest}') if power else (0, unit)
-
-
-def finite(value: float) -> float | None:
-    """The number, None for NaN."""
-    return value if math.isfinite(value) else None
 
 
 def effects_data(config: Config, known: Mapping[str, FoundEffect]) -> list[dict[str, Any]]:

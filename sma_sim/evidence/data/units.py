@@ -17,7 +17,6 @@ MAX_DURATION, MIN_DURATION = 1e7, 1e-3  # [s]: no run lasts four months, and no 
 LATEST_DATE = 1e10  # [s] since 1970: later times are in smaller units
 SLOW_STEP = 2.0  # [s]: wires heat and cool faster, so nobody samples a module so slowly
 MIN_TEMPERATURE, MAX_TEMPERATURE = KELVIN  # a median below is in deg C
-MAX_MAGNITUDE = {'U': 0.5, 'strain': 0.5, 'J': 2e3}  # [m], [-], [W]: beyond what a small robot can do
 OFFSET_FRACTION = 0.02  # of the largest heating: a power meter's offset
 MIN_STRESS, MAX_STRESS = 1e4, 1e11  # [Pa] that the largest stress of a run lies between
 MAX_RESISTANCE = 2e3  # [ohm]: 1 m of the thinnest wire, of 25 um, has 1,900; usual actuators have some ohm
@@ -40,10 +39,21 @@ class UnitMismatch(NamedTuple):
         return f'expected {self.expected}, got {got}, which looks like {self.looks_like}'
 
 
-def angle_mismatch(values: Vector) -> UnitMismatch | None:
-    """Radians up to a half turn."""
-    top = float(np.abs(values).max())
-    return UnitMismatch('radians up to pi', top, 'degrees', 'scale: 0.017453292519943295') if top > np.pi else None
+def above(limit: float, expected: str, looks_like: str, conversion: str) -> Callable[[Vector], UnitMismatch | None]:
+    """The check that no number is larger than a limit, either way."""
+
+    def mismatch(values: Vector) -> UnitMismatch | None:
+        top = float(np.abs(values).max())
+        return UnitMismatch(expected, top, looks_like, conversion) if top > limit else None
+
+    return mismatch
+
+
+# What no joint, small robot or wire reaches.
+angle_mismatch = above(np.pi, 'radians up to pi', 'degrees', 'scale: 0.017453292519943295')
+displacement_mismatch = above(0.5, 'metres, less than 0.5', 'millimetres', 'scale: 0.001')
+strain_mismatch = above(0.5, 'a fraction such as 0.05', 'percent', 'scale: 0.01')
+power_mismatch = above(2e3, 'watts, at most 2000', 'milliwatts', 'scale: 0.001')
 
 
 def temperature_mismatch(values: Vector) -> UnitMismatch | None:
@@ -55,28 +65,6 @@ def temperature_mismatch(values: Vector) -> UnitMismatch | None:
     return (
         UnitMismatch(f'kelvin, at most {MAX_TEMPERATURE:g}', float(wrong[0]), 'another unit', 'scale: 0.001')
         if len(wrong)
-        else None
-    )
-
-
-def displacement_mismatch(values: Vector) -> UnitMismatch | None:
-    """Metres of a small robot."""
-    top = float(np.abs(values).max())
-    return UnitMismatch('metres, less than 0.5', top, 'millimetres', 'scale: 0.001') if top > MAX_MAGNITUDE['U'] else None
-
-
-def strain_mismatch(values: Vector) -> UnitMismatch | None:
-    """A fraction."""
-    top = float(np.abs(values).max())
-    return UnitMismatch('a fraction such as 0.05', top, 'percent', 'scale: 0.01') if top > MAX_MAGNITUDE['strain'] else None
-
-
-def power_mismatch(values: Vector) -> UnitMismatch | None:
-    """Watts."""
-    top = float(np.abs(values).max())
-    return (
-        UnitMismatch(f'watts, at most {MAX_MAGNITUDE["J"]:g}', top, 'milliwatts', 'scale: 0.001')
-        if top > MAX_MAGNITUDE['J']
         else None
     )
 
