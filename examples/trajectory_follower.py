@@ -156,7 +156,7 @@ class TrajectoryFollower(AlphaController):
 
     def interrupted(self):
         """What was followed has no time any more: joint states stopped, or the simulation was reset."""
-        self.hold('joint_states stopped or started anew')
+        self.hold('joint_states stopped or restarted')
         super().interrupted()
 
     def target_at(self, now, alpha):

@@ -31,7 +31,7 @@ CHECK_PARAMETERS = declared_in(
     Parameter('window', 5.0, 's', (0.01, 1e4), 'the running RMSE is over it; the model has left when it misses for as long'),
     Parameter('burn_in', 20.0, 's', (0.0, 1e6), 'after a start of the model, without a verdict'),
     Parameter('latency', 0.1, 's', (0.0, 10.0), 'wait after a measured sample for commands that are on their way'),
-    Parameter('longest_gap', 10.0, 's', (0.001, 1e4), 'gap in the measurement after which the model starts anew'),
+    Parameter('longest_gap', 10.0, 's', (0.001, 1e4), 'gap in the measurement after which the model restarts'),
     Parameter('diagnosis_period', 10.0, 's', (0.0, 1e6), 'between two looks for the cause of a deviation; 0: none'),
     Parameter('noise_U_x', 2e-6, 'm', (1e-15, 1.0), 'standard deviation of the noise of U_x'),
     Parameter('noise_U_y', 1e-5, 'm', (1e-15, 1.0), 'standard deviation of the noise of U_y'),

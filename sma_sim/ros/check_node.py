@@ -139,7 +139,7 @@ class ModelCheck:
 
     def _reset(self, _: Any, response: Any) -> Any:
         self._reset_requested.set()
-        response.success, response.message = True, 'the model starts anew with the next sample'
+        response.success, response.message = True, 'the model restarts with the next sample'
         return response
 
     def _forget_verdict(self) -> None:
@@ -175,7 +175,7 @@ class ModelCheck:
                 self._causes.add(sample, row[self._messages.where.sensed], not math.isinf(self._settled_at))
         except SimulationError as error:
             self._live = None
-            self._robot.warn_of('the model cannot go on', f'{error}; it starts anew with the next sample')
+            self._robot.warn_of('the model cannot go on', f'{error}; it restarts with the next sample')
 
     def _restart_reason(self, step: float) -> str:
         """Why the model cannot continue from the sample before, `step` seconds ago; empty if it can."""
@@ -237,7 +237,7 @@ class ModelCheck:
     def _start(self, now: Sample, reason: str) -> None:
         if reason:
             self._robot.forget_commands()
-            self._logger.warning(f'{reason}: the model starts anew')
+            self._logger.warning(f'{reason}: the model restarts')
         self._heated.clear()
         self._inputs(None, now)
         self._forget_verdict()

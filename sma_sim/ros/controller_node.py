@@ -116,7 +116,7 @@ class ModelController:
             return  # it came late, and another one has been answered
         if not 0.0 < later < self._silence:
             if before is not None:
-                self._logger.warning('the stamps of joint_states have a gap or begin again: the controller starts anew')
+                self._logger.warning('the stamps of joint_states have a gap or begin again: the controller restarts')
             self._robot.forget_commands()
             self._start(now.stamp)
             before, self._starts = None, self._starts + 1
@@ -128,7 +128,7 @@ class ModelController:
         try:
             self._act(self._seconds(now.stamp), dict(zip(self._structure.channels, channels.tolist(), strict=True)))
         except SimulationError as error:
-            self._logger.warning(f'{error}: heating off, and the controller starts anew', throttle_duration_sec=1.0)
+            self._logger.warning(f'{error}: heating off, and the controller restarts', throttle_duration_sec=1.0)
             self._turn_off()
         self._longest = max(self._longest, time.monotonic() - began)
 
@@ -204,7 +204,7 @@ class ModelController:
             'commands': self._commands,
             'starts': self._starts,
             'longest step [ms]': f'{1e3 * self._longest:.1f}',
-            **self._robot.passed_over(),
+            **self._robot.skipped(),
             **self._robot.rejected(),
         }
         self._longest = 0.0

@@ -102,7 +102,7 @@ class WireGuard:
         if late:
             self._logger.warning(f'{late}; see docs/how-to/guard-the-wires.md')
         self._logger.info(
-            f'{self._request} -> {self.topic}: no heating until robot, observer and controller are heard; stop with Ctrl-C'
+            f'{self._request} -> {self.topic}: no heating until robot, observer and controller send data; stop with Ctrl-C'
         )
 
     def spin(self, stop: threading.Event) -> None:

@@ -242,7 +242,7 @@ class ModuleSimulation:
             self._advance(due.steps)
 
     def _advance(self, steps: int) -> None:
-        """Make steps; nothing that is published or that changes the input is passed over."""
+        """Make steps; nothing that is published or that changes the input is skipped."""
         while steps > 0:
             count = min(steps, self._clock_every - self._run.k % self._clock_every)
             self._apply()

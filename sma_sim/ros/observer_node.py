@@ -26,7 +26,7 @@ from sma_sim.ros.robot_subscriptions import MAX_DELAY, RobotSubscriptions, Sampl
 
 POLL_PERIOD = 0.002  # [s] between two looks for samples
 SILENCE = 1.0  # [s] without a sample after which it is said
-RESTART_AFTER = 10.0  # [s] by which stamps go back or forth after which the observer starts anew
+RESTART_AFTER = 10.0  # [s] by which stamps go back or forth after which the observer restarts
 INCONSISTENT = 9.0  # squared innovation over its variance, in the mean: the robot is not what the observer takes it for
 PREFIX = 'estimated/'
 
@@ -86,7 +86,7 @@ class WireObserver:
         before = self._before
         if before is not None and abs(now.stamp - before.stamp) > RESTART_AFTER * 1e9:
             self._logger.warning(
-                f'the stamps of joint_states went on by {(now.stamp - before.stamp) / 1e9:.3f} s: the observer starts anew'
+                f'the stamps of joint_states went on by {(now.stamp - before.stamp) / 1e9:.3f} s: the observer restarts'
             )
             self._robot.forget_commands()
             self._fresh()
@@ -152,7 +152,7 @@ class WireObserver:
             'messages that came too late': self._observer.too_late,
             'starts': self._starts,
             'restarts of the model': self._observer.restarts,
-            **self._robot.passed_over(),
+            **self._robot.skipped(),
             **self._robot.rejected(),
         }
         state = 'observing' if self._samples else 'waiting for joint_states'

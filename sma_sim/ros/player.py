@@ -36,7 +36,7 @@ def play(
     """Send commands at `times` (k,) [s], each held until the next; the last time ends it.
 
     The topic `heating` [W] is turned off at the end, also at an early one; set points stay. `on_progress` gets the fraction
-    that is done. Raises UserError when nobody subscribes, or nobody does any more: a robot that starts anew in the middle
+    that is done. Raises UserError when nobody subscribes, or nobody does any more: a robot that restarts in the middle
     of a command is not where the command takes it to be.
     """
     with CommandSession([], rclpy.Context()) as session:

@@ -88,14 +88,14 @@ class RobotSubscriptions:
     """Subscriptions to a robot. They fill queues in the executor's thread; another thread takes from them.
 
     `latency` [s] is how long a sample waits for what belongs to it, check.latency where nothing is said. One that is later
-    than that by `max_delay` [s] is passed over where another one waits: what acts on a robot has to know it as it is now.
+    than that by `max_delay` [s] is skipped where another one waits: what acts on a robot has to know it as it is now.
     Raises UserError for names of joints that are not different.
     """
 
     def __init__(self, node: Node, config: Config, latency: float | None = None, max_delay: float = math.inf) -> None:
         parameters, structure = config.parameters, config.structure.structure
         self._max_delay = max_delay * 1e9
-        self._passed_over = self._told_of = 0
+        self._skipped = self._told_of = 0
         self._logger, self._structure = node.get_logger(), structure
         self._names = [str(config.settings[f'check.name_{joint}']) for joint in structure.coordinate_names]
         if len(set(self._names)) < len(self._names):
@@ -136,7 +136,7 @@ class RobotSubscriptions:
         while self._samples and not 0 <= (age := time.time_ns() - self._samples[0].arrival) < self._latency:
             sample = self._samples.popleft()
             if self._samples and age > self._latency + self._max_delay:
-                self._passed_over += 1  # commands since the last one that was taken count for the next
+                self._skipped += 1  # commands since the last one that was taken count for the next
                 continue
             yield sample
 
@@ -165,16 +165,16 @@ class RobotSubscriptions:
                 diagnose()
             time.sleep(poll_period)
 
-    def passed_over(self) -> dict[str, int]:
-        """How many samples were passed over, in words."""
-        return {'samples passed over': self._passed_over}
+    def skipped(self) -> dict[str, int]:
+        """How many samples were skipped, in words."""
+        return {'samples skipped': self._skipped}
 
     def overload(self) -> list[str]:
-        """What is wrong where samples were passed over since the last call, which the log says too."""
-        count, self._told_of = self._passed_over - self._told_of, self._passed_over
+        """What is wrong where samples were skipped since the last call, which the log says too."""
+        count, self._told_of = self._skipped - self._told_of, self._skipped
         if not count:
             return []
-        words = f'joint_states come faster than this computer takes them: {count} passed over'
+        words = f'joint_states come faster than this computer takes them: {count} skipped'
         self._logger.warning(words, throttle_duration_sec=REMINDER_PERIOD)
         return [words]
 

@@ -27,7 +27,7 @@ NOTHING_MISSING = 'These data show no sign of a missing effect.'
 NOTHING_MISSING_BUT = 'These data show no sign of a missing effect. What differs from recording to recording: {what}.'
 NOTHING_FOUND = 'No known effect explains more, and yet something is probably missing.'
 BENT_NOMINAL = 'The fit without further effects left the plausible range, as where something is missing: {parameters}.'
-SET_UP_FIRST = 'The set-up has to be mended first; no effect was searched for.'
+SET_UP_FIRST = 'The set-up has to be fixed first; no effect was searched for.'
 UNKNOWN_EFFECT = 'Something is missing that no known effect explains.'
 OPEN = (
     'These data do not tell whether your model lacks {effects}: the fitted runs are explained by it, and all runs if they '

@@ -45,7 +45,7 @@ def misfit_sentence(error: float) -> str:
         return ''
     return (
         f'The normalized RMSE is {error:.3g}, more than noise. The intervals count what is left as correlated noise, and '
-        'hold only if what the model lacks does not bend its parameters.'
+        'hold only if what the model lacks does not bias its parameters.'
     )
 
 

@@ -14,14 +14,14 @@ def set_up_sentences(faults: Sequence[Fault]) -> Iterator[str]:
         first, cure = group[0], '; '.join(dict.fromkeys(fault.cure for fault in group))
         others = ', or '.join(phrases(other) for other in first.alternatives)
         if not first.corrected and not others:
-            yield f'Set-up: {phrases(group)}. Mend it: {cure}.'
+            yield f'Set-up: {phrases(group)}. Fix it: {cure}.'
             continue
         if not first.corrected:
-            yield f'Set-up: {phrases(group)}, or {others}: these recordings do not say which. Find out and mend it: {cure}.'
+            yield f'Set-up: {phrases(group)}, or {others}: these recordings do not say which. Find out and fix it: {cure}.'
             continue
         either = f' (or, which leaves the same recordings of a symmetric robot: {others})' if others else ''
         either = either_sign(group) or f'{phrases(group)}{either}'
-        yield f'Set-up: {either}. Corrected for this diagnosis; to mend it, {cure}.'
+        yield f'Set-up: {either}. Corrected for this diagnosis; to fix it, {cure}.'
 
 
 def related(faults: Sequence[Fault]) -> list[list[Fault]]:

@@ -292,7 +292,7 @@ def test_other_structures(system):
         (lambda: Observer(Config()).update(0.0, float('nan')), 'expected 1 finite number'),
         (lambda: Observer(Config()).update(0.0, 1.0, {'alpha': float('inf')}), 'expected a finite number'),
         (lambda: Observer(Config()).update(float('nan')), 'expected a finite time'),
-        (lambda: Observer(Config()).estimate, 'has heard nothing yet'),
+        (lambda: Observer(Config()).estimate, 'has no measurement yet'),
         (lambda: Observer(Config()).update(0.0, 1.0, {'alpha': None}), 'measurements: expected a mapping from a text to'),
         (
             lambda: Observer(Config()).update(0.0, 1.0, None, 25.0),

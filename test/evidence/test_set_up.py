@@ -177,7 +177,7 @@ def test_a_command_that_belongs_to_another_recording_is_named_and_nothing_is_sea
     assert fault.words == 'run1 has the command of run3, not its own' and not fault.corrected
     (sentence,) = set_up_sentences([fault])
     assert (
-        sentence == 'Set-up: run1 has the command of run3, not its own. Mend it: give run1 its own command, or leave it out.'
+        sentence == 'Set-up: run1 has the command of run3, not its own. Fix it: give run1 its own command, or leave it out.'
     )
 
 
@@ -328,7 +328,7 @@ def test_no_effect_is_searched_for_where_it_is_not_known_what_is_wrong(runs, mon
     text = list(as_text(found))
     assert found.verdict == 'unknown_effect' and found.effects == () and found.proposal is None
     assert found.together is None
-    assert text[0] == 'The set-up has to be mended first; no effect was searched for.'
+    assert text[0] == 'The set-up has to be fixed first; no effect was searched for.'
     assert 'alpha has the opposite sign, or U_y has the opposite sign: these recordings do not say which' in text[1]
     assert isinstance(found.posterior.none, float) and len(found.posterior.models) == 1
 

@@ -21,7 +21,7 @@ def wait(browser, condition):
 
 @contextlib.contextmanager
 def node_again(environment):
-    """The same node, started anew where it was."""
+    """The same node, restarted where it was."""
     command = [sys.executable, '-m', 'sma_sim.ros.main', '--ros-args', '-r', '__ns:=/robot_1']
     output = subprocess.DEVNULL
     with subprocess.Popen(command, cwd=ros_client.ROOT, env=environment, stdout=output, stderr=output) as process:

@@ -130,7 +130,7 @@ def test_a_robot_that_is_the_model_leaves_no_residual_at_rest():
     assert np.abs(robot_poses - poses - differences).max() < 1e-15
     assert 'U_x, U_y, alpha, F_1, F_2, T_1, T_2' in one.seen['error_over_noise'][-1].layout.dim[0].label
     assert 'J_eq_applied is published: the model follows it' in log[0]
-    assert 'has left' not in log[0] and 'starts anew' not in log[0]
+    assert 'has left' not in log[0] and 'restarts' not in log[0]
 
 
 @pytest.mark.slow
@@ -266,7 +266,7 @@ def test_no_verdict_before_the_burn_in_is_over():
 
 
 def test_clocks_that_jump_and_gaps():
-    """Back, or beyond the longest gap: the model starts anew; a short gap is stepped through; repeats are left out."""
+    """Back, or beyond the longest gap: the model restarts; a short gap is stepped through; repeats are left out."""
     with check() as (fake, log):
         one, seen = fake.one, fake.one.seen['model_joint_states']
         fake.until(comparing(one))
@@ -297,7 +297,7 @@ def test_reset_starts_the_model_anew():
         future = client.call_async(Trigger.Request())
         fake.until(future.done)
         fake.until(lambda: value(fake.one, 'starts of the model') == '2')
-    assert '~/reset was called: the model starts anew' in log[0]
+    assert '~/reset was called: the model restarts' in log[0]
 
 
 WRONG_JOINTS = (

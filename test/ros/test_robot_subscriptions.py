@@ -69,5 +69,5 @@ def test_a_node_that_acts_takes_the_last_of_samples_that_are_late(max_delay, tak
             executor.spin_once(timeout_sec=0.05)
         time.sleep(0.1)
         assert [sample.stamp for sample in intake.ready()] == taken
-        assert intake.passed_over() == {'samples passed over': 5 - len(taken)}
+        assert intake.skipped() == {'samples skipped': 5 - len(taken)}
         assert len(intake.overload()) == (len(taken) < 5) and not intake.overload()

@@ -1,4 +1,4 @@
-"""Which fitted parameters left their plausible range: a model that lacks something bends its parameters to make up for it.
+"""Which fitted parameters left their plausible range: a model that lacks something biases its parameters to make up for it.
 
 Plausible is the realistic range of an effect's parameter, and for all others a factor of 1.5 around the nominal value (less
 for lengths and temperatures; three standard deviations where these were given). What data hardly determine may lie anywhere,

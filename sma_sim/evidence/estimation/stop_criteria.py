@@ -9,11 +9,13 @@ from dataclasses import dataclass, replace
 class StopCriteria:
     """How a minimisation starts and when it ends.
 
-    `damping`: of the first step. It ends after `max_iterations`, when the next step is predicted to lower the cost by at
-    most `min_decrease` times the square of the normalized RMSE (0.01 moves no estimate by more than 0.14 of its
-    standard deviation), or when the last step gained less than the fraction `relative_decrease` of the cost. `central`:
-    central differences from the first iteration on. `secant`: from a point near the optimum, where a linearisation serves
-    several steps.
+    `damping`: of the first step, in units of the priors' curvature: a direction is followed to the end at once where the
+    data know it better than its prior by the square root of that. It ends after `max_iterations`, which bounds the time of a
+    fit that creeps, when the next step is predicted to lower the cost by at most `min_decrease` times the square of the
+    normalized RMSE (d moves no estimate by more than sqrt(2 d) of its standard deviation: 0.01 by 0.14, 0.3 by 0.8, enough
+    to compare models), or when the last step gained less than the fraction `relative_decrease` of the cost: a model that
+    lacks something goes on to gain a little for ever. `central`: central differences from the first iteration on. `secant`:
+    from a point near the optimum, where a linearisation serves several steps.
     """
 
     max_iterations: int

@@ -15,13 +15,14 @@ class LatentCriteria:
         Runs that are searched, those with the largest error: the cost grows with the samples, a missing quantity shows in
         the worst runs first.
     biased_fit_error
-        Normalized RMSE above which a fit is taken to be biased by what the model lacks; it is then tempered.
+        Normalized RMSE above which a fit is taken to be biased by what the model lacks; it is then tempered. Noise
+        that was estimated may be wrong by a tenth.
     tie_ratio
-        Errors within this ratio of the least explain equally well.
+        Errors within this ratio of the least explain equally well: a tenth, as above.
     reported_if_none
-        Hypotheses that are reported where nothing is missing.
+        Hypotheses that are reported where nothing is missing: what fits a table, none of them decides anything.
     max_finalists
-        Quantities that are simulated for more than one step.
+        Quantities that are simulated for more than one step, which takes most of the time.
     give_up_ratios
         Ratio to the least error above which a hypothesis is given up, by step. The first steps are lenient, since a linear
         estimate may start far from where it leads.

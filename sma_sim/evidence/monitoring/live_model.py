@@ -153,7 +153,7 @@ class Announcements:
         self._period, self._said, self._not_before = period, '', -math.inf
 
     def restart(self) -> None:
-        """The model starts anew: that it follows is worth a line again."""
+        """The model restarts: that it follows is worth a line again."""
         self._said = ''
 
     def due(self, now: float, has_left: bool, follows: bool) -> str:

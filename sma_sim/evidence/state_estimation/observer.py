@@ -167,7 +167,7 @@ class Observer:
     def estimate(self) -> Estimate:
         """The wires at `time`. Raises UserError before the first message."""
         if not self._beliefs:
-            raise UserError('the observer has heard nothing yet: call update(time, J_eq, measurements) first')
+            raise UserError('the observer has no measurement yet: call update(time, J_eq, measurements) first')
         if self._estimate is None:
             self._estimate = self._estimate_of(self._beliefs[-1])
         return self._estimate

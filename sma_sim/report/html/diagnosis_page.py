@@ -29,7 +29,7 @@ HELD_OUT_NOTE = (
 )
 REDUCTION_CAPTION = (
     'Normalized RMSE (root mean square over channels) of the fitted and of the held-out runs: of your model as it was '
-    'given, of the same model calibrated, which bends its parameters towards what it lacks, and with each added effect, '
+    'given, of the same model calibrated, which biases its parameters towards what it lacks, and with each added effect, '
     'calibrated too; 1 is the noise.'
 )
 
