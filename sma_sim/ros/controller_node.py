@@ -1,8 +1,8 @@
 """The node `sma_controller`: joint states of a robot in, the command that moves it along a target out.
 
-Times are those of the stamps of joint_states, so that the loop is the same at any real-time factor. Before there is a
-target nothing is commanded. Whatever stops it, but SIGKILL or a crash, leaves a command of zero behind, as all programs
-that command a robot do (`ros.command_session`).
+Times are those of the stamps of joint_states, so that the loop is the same at any real-time factor, and go on where a clock
+is set. Before there is a target nothing is commanded. Whatever stops it, but SIGKILL or a crash, leaves a command of zero
+behind, as all programs that command a robot do (`ros.command_session`).
 """
 
 from __future__ import annotations
@@ -101,32 +101,32 @@ class ModelController:
     def _hear(self, message: Any) -> None:
         self._heard.append(message)
 
-    def _start(self, stamp: int) -> None:
-        """A controller that takes the robot to be at rest at a stamp [ns]."""
+    def _start(self, time: int) -> None:
+        """A controller that takes the robot to be at rest at a time [ns]."""
         self._law: Law = self._make(self._config)
-        self._first, self._due = stamp, 0.0
+        self._first, self._due = time, 0.0
         if self._target is not None:
-            self._target = Held(self._target.at(1e-9 * stamp)[0])
+            self._target = Held(self._target.at(1e-9 * time)[0])
 
     def _take(self, now: Sample) -> None:
         """Answer a sample with a command, `control.rate` times per second."""
         before, began = self._before, time.monotonic()
-        later = math.inf if before is None else 1e-9 * (now.stamp - before.stamp)
+        later = math.inf if before is None else 1e-9 * (now.time - before.time)
         if -self._silence < later <= 0.0:
             return  # it came late, and another one has been answered
         if not 0.0 < later < self._silence:
             if before is not None:
-                self._logger.warning('the stamps of joint_states have a gap or begin again: the controller restarts')
+                self._logger.warning('the stamps of joint_states have a gap: the controller restarts')
             self._robot.forget_commands()
-            self._start(now.stamp)
+            self._start(now.time)
             before, self._starts = None, self._starts + 1
         for change in self._robot.changes(before, now):
             self._tell(self._seconds(change.stamp), change.column, change.value)
         self._before, self._arrived = now, began
-        self._take_targets(1e-9 * now.stamp)
+        self._take_targets(1e-9 * now.time, 1e-9 * now.jumped)
         channels = np.concatenate([now.joints[0], self._robot.companions(before, now)])
         try:
-            self._act(self._seconds(now.stamp), dict(zip(self._structure.channels, channels.tolist(), strict=True)))
+            self._act(self._seconds(now.time), dict(zip(self._structure.channels, channels.tolist(), strict=True)))
         except SimulationError as error:
             self._logger.warning(f'{error}: heating off, and the controller restarts', throttle_duration_sec=1.0)
             self._turn_off()
@@ -150,15 +150,15 @@ class ModelController:
         self._input[column] = value
         self._law.observe(t, self._input[0])
 
-    def _take_targets(self, now: float) -> None:
-        """Targets that have arrived since the sample before, by the stamp `now` [s] of this one."""
+    def _take_targets(self, now: float, ahead: float) -> None:
+        """Targets that have arrived since the sample before, by the time `now` [s] of this one; stamps are `ahead` [s]."""
         while self._heard:
             message, limit = self._heard.popleft(), self._limit
             try:
                 if isinstance(message, JointTrajectory):
                     check(message, self._joint, -limit, limit)
                     motion = self._target.at(now) if self._target else [self._measured(), 0.0, 0.0]
-                    self._target = JointPath(message, now, motion) if message.points else Held(motion[0])
+                    self._target = JointPath(message, now, motion, ahead) if message.points else Held(motion[0])
                 elif -limit <= message.data <= limit:
                     self._target = Held(message.data)
                 else:
@@ -171,8 +171,8 @@ class ModelController:
         assert self._before is not None
         return float(self._before.joints[0][self._structure.coordinate_names.index(self._coordinate)])
 
-    def _seconds(self, stamp: int) -> float:
-        return 1e-9 * (stamp - self._first)
+    def _seconds(self, time: int) -> float:
+        return 1e-9 * (time - self._first)
 
     def _watch(self) -> None:
         """Heating off once joint states have stopped."""

@@ -41,7 +41,8 @@ from sma_sim.ros.messages import Messages, seconds_of
 from sma_sim.ros.observer_node import PREFIX, estimated_topics
 from sma_sim.ros.parameters import follow_live_parameters
 from sma_sim.ros.qos import LAST_FEW, make_publisher, make_subscription
-from sma_sim.ros.robot_subscriptions import SENSOR_QOS, wire_names
+from sma_sim.ros.robot_clock import RobotClock
+from sma_sim.ros.robot_subscriptions import SENSOR_QOS, arrival_of, wire_names
 from sma_sim.ros.transport import late_commands
 from sma_sim.solver.model import Model
 
@@ -74,6 +75,7 @@ class WireGuard:
         self._heard: dict[str, tuple[float, Any]] = {}  # the last message of a topic, and when it arrived [s]
         self._new: deque[str] = deque(maxlen=100)  # topics of messages that were not looked at yet
         self.ambient = Ambient(node, config.parameters['environment.T_E'])
+        self._robot, self._horizon = RobotClock(), config.parameters['guard.horizon']
         self._connect(node, interface_of(structure).heating_topic)
         self._diagnostics = Diagnostics(node, 'guard of the wires')
         self._decision = Decision((0.0,) * len(structure.commands), 1.0, '', '')
@@ -81,7 +83,6 @@ class WireGuard:
         self._commands, self._published_at = 0, -math.inf
         self._estimate: Estimate | None = None
         self._is_estimated = False  # what was heard last
-        self._again_after = 0.5 * config.parameters['guard.horizon']  # [s] a command is judged anew without any message
         follow_live_parameters(node, {ENVIRONMENT: self._apply_T_E}, use_sim_time)
 
     def _connect(self, node: Node, topic: str) -> None:
@@ -94,7 +95,7 @@ class WireGuard:
         node.create_subscription(JointState, 'joint_states', partial(self._receive, 'joint_states'), SENSOR_QOS)
         make_subscription(node, Temperature, 'ambient_temperature', self.ambient.receive, LAST_FEW)
         heard = {**own, 'joint_states': JointState, 'ambient_temperature': Temperature}
-        self._graph_check = GraphCheck(node, [topic], heard, self._request)
+        self._graph_check, self._past = GraphCheck(node, [], heard, self._request), ''
 
     def begin(self, stop: threading.Event) -> None:
         """Say what is limited."""
@@ -124,7 +125,7 @@ class WireGuard:
             self._is_estimated = self._is_estimated and topic != COMPLETE
             due = topic in (COMPLETE, self._request) or due
         due = due or now >= self._published_at + self._again_after
-        silent = self._silent(now)
+        silent = self._silent(now) or self._too_fast() or self._past
         if silent:
             self._turn_off(silent, now)
         elif due:
@@ -139,13 +140,32 @@ class WireGuard:
             print(f'{self.topic}: not every listener has confirmed the last message, {WARNING}', file=sys.stderr)
         self._save()
 
-    def hear(self, topic: str, message: Any, now: float) -> None:
-        """A message of a topic came at `now` [s], which does not go back."""
-        self._heard[topic] = (now, message)
+    def hear(self, topic: str, message: Any, arrival: float) -> None:
+        """A message of a topic arrived at a time [s] that does not go back."""
+        self._heard[topic] = (arrival, message)
+        if topic == 'joint_states':
+            self._robot.hear(seconds_of(message.header.stamp), arrival)
         self._new.append(topic)
 
-    def _receive(self, topic: str, message: Any) -> None:
-        self.hear(topic, message, time.monotonic())
+    def _receive(self, topic: str, message: Any, info: Any) -> None:
+        """Messages wait where this computer is busy, and are that much older."""
+        waited = max(time.time_ns() - arrival_of(info), 0)
+        self.hear(topic, message, time.monotonic() - 1e-9 * waited)
+
+    @property
+    def _again_after(self) -> float:
+        """Seconds after which a command is judged anew without any message: half the horizon, in the robot's time."""
+        return 0.5 * self._horizon / self._robot.pace
+
+    def _too_fast(self) -> str:
+        """Why no command can be judged as often as the horizon asks for, in words; empty where one can."""
+        if self._again_after >= POLL_PERIOD:
+            return ''
+        most = 0.5 * self._horizon / POLL_PERIOD
+        return (
+            f'the robot is too fast: its time passes {self._robot.pace:.1f} times as fast as a clock, and guard.horizon = '
+            f'{self._horizon:g} s of it allows {most:g} times'
+        )
 
     def _apply_T_E(self) -> None:
         self.ambient.apply()
@@ -175,15 +195,10 @@ class WireGuard:
             self._estimate, self._is_estimated = self._read(), True
         estimate, at = self._estimate, 0.0
         if estimate:
-            # An estimate is as old as its transport when it arrives, which half the horizon covers; that of an observer that
-            # is behind is as old as the pose that the robot has shown since tells.
-            joints_at, joints = self._heard['joint_states']
-            shown = seconds_of(joints.header.stamp) + now - joints_at - self._again_after
-            at = max(estimate.time + now - self._heard[COMPLETE][0], shown)
-            if shown > estimate.time + self._silence:
-                behind = (
-                    f'its estimate is {shown + self._again_after - estimate.time:.2f} s older than the pose of the robot'
-                )
+            # Its age on arrival is told by the pose that the robot has shown since, however busy observer and network are.
+            at = max(estimate.time + self._robot.pace * (now - self._heard[COMPLETE][0]), self._robot.at(now))
+            if at > estimate.time + self._silence:
+                behind = f'its estimate is {at - estimate.time:.2f} s older than the pose of the robot'
                 self._turn_off(f'the observer is behind: {behind} (guard.silence {self._silence:g} s)', now)
                 return
         self._publish(self._guard.limit(asked, estimate, at), now)
@@ -257,6 +272,13 @@ class WireGuard:
             self._logger.error(str(error), throttle_duration_sec=10.0)
 
     def _diagnose(self) -> None:
+        others = len(self._node.get_publishers_info_by_topic(self.topic)) > 1
+        self._past = (
+            f'another node publishes {self.topic} past the guard, which cannot limit it: let it publish {self._request} '
+            f'(-r {self.topic}:={self._request})'
+            if others
+            else ''
+        )
         decision, counters = self._decision, self._guard.counters
         problems = self._graph_check.problems()
         values: dict[str, Any] = {

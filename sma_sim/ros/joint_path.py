@@ -68,16 +68,18 @@ class JointPath:
     """The desired position over time, from now on through the points of a trajectory.
 
     Points with positions are joined by straight lines, with velocities too by cubic and with accelerations too by quintic
-    polynomials. It starts `now` [s], from where the motion is then: position, rate, acceleration. Raises RefusedError for a
-    trajectory that has passed.
+    polynomials. It starts `now` [s], from where the motion is then: position, rate, acceleration. The stamp of its header is
+    by a clock that is `ahead` [s] of that of `now`. Raises RefusedError for a trajectory that has passed.
     """
 
-    def __init__(self, trajectory: Any, now: float, start: Sequence[float]) -> None:
-        t_start = seconds(trajectory.header.stamp) or now
+    def __init__(self, trajectory: Any, now: float, start: Sequence[float], ahead: float = 0.0) -> None:
+        stamp = seconds(trajectory.header.stamp)
+        t_start = stamp - ahead if stamp else now
         points = [(t_start + seconds(point.time_from_start), values_of(point)) for point in trajectory.points]
         points = [(time, values) for time, values in points if time >= now]
         if not points:
-            raise RefusedError(OLD_HEADER_TIMESTAMP, f'it has ended before the last joint_states, which are of {now:.3f} s')
+            words = f'it has ended before the last joint_states, which are of {now + ahead:.3f} s'
+            raise RefusedError(OLD_HEADER_TIMESTAMP, words)
         if points[0][0] > now:
             points.insert(0, (now, list(start[: len(points[0][1])])))
         self.now, (self.end, (self.last, *_)) = now, points[-1]

@@ -26,7 +26,7 @@ from sma_sim.ros.robot_subscriptions import MAX_DELAY, RobotSubscriptions, Sampl
 
 POLL_PERIOD = 0.002  # [s] between two looks for samples
 SILENCE = 1.0  # [s] without a sample after which it is said
-RESTART_AFTER = 10.0  # [s] by which stamps go back or forth after which the observer restarts
+RESTART_AFTER = 10.0  # [s] without a sample after which the observer restarts
 INCONSISTENT = 9.0  # squared innovation over its variance, in the mean: the robot is not what the observer takes it for
 PREFIX = 'estimated/'
 
@@ -62,7 +62,7 @@ class WireObserver:
         self._diagnostics = Diagnostics(node, 'observer of the wires')
         self._graph_check = GraphCheck(node, list(topics), robot_topics(structure))
         self._robot = RobotSubscriptions(node, config, config.parameters['observer.latency'], MAX_DELAY)
-        self._input = [0.0] * (len(structure.input_columns) - 1)
+        self._input = [0.0] * (len(structure.input_columns) - 1) + [config.parameters[ENVIRONMENT]]
         self._samples = self._starts = 0
         follow_live_parameters(node, {ENVIRONMENT: self._robot.apply_T_E}, use_sim_time)
 
@@ -84,16 +84,15 @@ class WireObserver:
     def _take(self, now: Sample) -> None:
         """Take a sample, which may be older than the one before, and publish the estimate."""
         before = self._before
-        if before is not None and abs(now.stamp - before.stamp) > RESTART_AFTER * 1e9:
-            self._logger.warning(
-                f'the stamps of joint_states went on by {(now.stamp - before.stamp) / 1e9:.3f} s: the observer restarts'
-            )
+        if before is not None and now.time - before.time > RESTART_AFTER * 1e9:
+            self._logger.warning(f'no joint_states for {(now.time - before.time) / 1e9:.3f} s: the observer restarts')
             self._robot.forget_commands()
             self._fresh()
             before = None
         if before is None:
-            self._begin, self._starts = now.stamp, self._starts + 1
-        latest = before is None or now.stamp > before.stamp
+            self._begin, self._starts = now.time, self._starts + 1
+            self._tell(now.time, self._robot.T_E, self._input[-1])  # what is in force is no change, but nobody else knows
+        latest = before is None or now.time > before.time
         if latest:
             for change in self._robot.changes(before, now):
                 self._tell(change.stamp, change.column, change.value)
@@ -101,21 +100,18 @@ class WireObserver:
         structure = self._config.structure.structure
         measured = np.concatenate([now.joints[0], self._robot.companions(before if latest else None, now)])
         channels = {name: float(value) for name, value in zip(structure.channels, measured, strict=True)}
-        estimate = self._observer.update(self._seconds(now.stamp), None, channels)
+        estimate = self._observer.update(self._seconds(now.time), None, channels)
         self._samples += 1
         if latest:
             self._publish(now.stamp, estimate)
 
-    def _tell(self, stamp: int, column: int, value: float) -> None:
-        """A column of the input has a value from a stamp [ns] on."""
-        if column == self._robot.T_E:
-            self._observer.update(self._seconds(stamp), None, {}, value)
-            return
+    def _tell(self, time: int, column: int, value: float) -> None:
+        """A column of the input has a value from a time [ns] on."""
         self._input[column] = value
-        self._observer.update(self._seconds(stamp), self._input)
+        self._observer.update(self._seconds(time), self._input[:-1], {}, self._input[-1])
 
-    def _seconds(self, stamp: int) -> float:
-        return (stamp - self._begin) / 1e9
+    def _seconds(self, time: int) -> float:
+        return (time - self._begin) / 1e9
 
     def _publish(self, stamp: int, estimate: Estimate) -> None:
         at = stamp_of(stamp)

@@ -24,7 +24,7 @@ def make_publisher(node: Node, kind: Any, topic: str, profile: QoSProfile) -> An
     return node.create_publisher(kind, topic, copy(profile), qos_overriding_options=OVERRIDABLE)  # rclpy writes into it
 
 
-def make_subscription(node: Node, kind: Any, topic: str, receive: Callable[[Any], None], profile: QoSProfile) -> Any:
+def make_subscription(node: Node, kind: Any, topic: str, receive: Callable[..., None], profile: QoSProfile) -> Any:
     """A subscription whose profile parameters of the node override: ``qos_overrides.TOPIC.subscription.POLICY``."""
     return node.create_subscription(kind, topic, receive, copy(profile), qos_overriding_options=OVERRIDABLE)
 

@@ -32,12 +32,14 @@ from sma_sim.model.structures.structure import Structure
 from sma_sim.ros.command import WARNING_PERIOD, Ambient, SetPoint, heating_command
 from sma_sim.ros.control import DIAGNOSTICS_PERIOD
 from sma_sim.ros.qos import LATEST
+from sma_sim.ros.robot_clock import RobotClock
 
 Vector = NDArray[np.float64]
 Queue = deque[tuple[int, Any]]
 
 REMINDER_PERIOD = 10.0  # [s] between two warnings of what lasts
 MAX_DELAY = 0.02  # [s] for a node that acts on the robot: a period of a command
+MAX_AHEAD = 10**9  # [ns] of a value before the sample that it belongs to
 MAX_QUEUED_MESSAGES = 10_000  # messages of a topic; older ones give way
 SENSOR_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)  # hears reliable publishers too
 COMMAND_DEPTH = 100
@@ -46,11 +48,20 @@ NUMBERS = {2: 'two', 3: 'three'}  # in messages
 
 
 class Sample(NamedTuple):
-    """One message of joint_states: arrival and stamp [ns]; position, velocity, effort (rows) of every coordinate."""
+    """One message of joint_states: arrival and stamp [ns]; position, velocity, effort (rows) of every coordinate.
+
+    `jumped` [ns] is by how much the clock of the stamps was set so far.
+    """
 
     arrival: int
     stamp: int
     joints: Vector
+    jumped: int = 0
+
+    @property
+    def time(self) -> int:
+        """The stamp of a clock that was never set [ns]: the wires of a robot do not jump with its clock."""
+        return self.stamp - self.jumped
 
 
 class Event(NamedTuple):
@@ -88,14 +99,15 @@ class RobotSubscriptions:
     """Subscriptions to a robot. They fill queues in the executor's thread; another thread takes from them.
 
     `latency` [s] is how long a sample waits for what belongs to it, check.latency where nothing is said. One that is later
-    than that by `max_delay` [s] is skipped where another one waits: what acts on a robot has to know it as it is now.
-    Raises UserError for names of joints that are not different.
+    than that by `max_delay` [s] is skipped where another one waits: what acts on a robot has to know it as it is now,
+    and goes on where its clock was set (`Sample.time`). Raises UserError for names of joints that are not different.
     """
 
     def __init__(self, node: Node, config: Config, latency: float | None = None, max_delay: float = math.inf) -> None:
         parameters, structure = config.parameters, config.structure.structure
         self._max_delay = max_delay * 1e9
-        self._skipped = self._told_of = 0
+        self._skipped = self._told_of = self._jumped = 0
+        self._clock = RobotClock() if math.isfinite(max_delay) else None
         self._logger, self._structure = node.get_logger(), structure
         self._names = [str(config.settings[f'check.name_{joint}']) for joint in structure.coordinate_names]
         if len(set(self._names)) < len(self._names):
@@ -193,7 +205,7 @@ class RobotSubscriptions:
         self._commanded = math.inf
 
     def changes(self, before: Sample | None, now: Sample) -> list[InputChange]:
-        """Inputs that were heard of until a sample, with stamps between those of the sample `before` and its own."""
+        """Inputs that were heard of until a sample, with times between those of the sample `before` and its own."""
         while self._heard:
             self._events.append(self._heard.popleft())
         due = sorted(event for event in self._events if event.arrival <= now.arrival)
@@ -205,7 +217,7 @@ class RobotSubscriptions:
             changes.append(InputChange(self._stamp(event.arrival, before, now), event.column, event.value))
             if event.column in self.heating:
                 self._commanded = math.inf if event.applied else changes[-1].stamp
-        if self._timeout > 0.0 and now.stamp > self._commanded + self._timeout * 1e9:
+        if self._timeout > 0.0 and now.time > self._commanded + self._timeout * 1e9:
             changes += [InputChange(round(self._commanded + self._timeout * 1e9), column, 0.0) for column in self.heating]
             self._commanded = math.inf
         return changes
@@ -219,7 +231,7 @@ class RobotSubscriptions:
         forces, *temperatures, resistances = self._companions
         none, half = (math.nan,) * wires, (now.arrival - before.arrival) // 2
         values = [nearest(forces, now.arrival, half, none)]
-        stamped_half = (now.stamp - before.stamp) // 2
+        stamped_half = (now.time - before.time) // 2
         values += [(nearest(queue, now.stamp, stamped_half, math.nan),) for queue in temperatures]
         values.append(nearest(resistances, now.arrival, half, none))
         return np.concatenate(values)
@@ -271,11 +283,11 @@ class RobotSubscriptions:
 
     def _stamp(self, arrival: int, before: Sample | None, now: Sample) -> int:
         if before is None:
-            return now.stamp
+            return now.time
         if arrival < before.arrival:
             self.counts['commands later than check.latency'] += 1
         part = (arrival - before.arrival) / max(now.arrival - before.arrival, 1)
-        return before.stamp + round(min(max(part, 0.0), 1.0) * (now.stamp - before.stamp))
+        return before.time + round(min(max(part, 0.0), 1.0) * (now.time - before.time))
 
     def _hear(self, arrival: int, columns: Sequence[int], values: Sequence[float], applied: bool) -> None:
         self._heard.extend(Event(arrival, column, value, applied) for column, value in zip(columns, values, strict=True))
@@ -318,7 +330,14 @@ class RobotSubscriptions:
         joints[np.isinf(joints)] = math.nan
         if len(self._samples) == MAX_QUEUED_MESSAGES:
             self.warn_of('joint_states dropped', 'they come faster than the model runs')
-        self._samples.append(Sample(arrival_of(info), nanoseconds(message.header.stamp), joints))
+        arrival, stamp = arrival_of(info), nanoseconds(message.header.stamp)
+        if self._clock is not None and (jump := self._clock.hear(1e-9 * stamp, 1e-9 * arrival)):
+            self._jumped += round(1e9 * jump)
+            self.warn_of(
+                'stamps of joint_states that jump',
+                f'by {jump:+.3f} s: a clock was set or began again, or two robots publish; what is known of the wires stays',
+            )
+        self._samples.append(Sample(arrival, stamp, joints, self._jumped))
 
     def _take_numbers(self, topic: str, queue: int, message: Float64MultiArray, info: Any) -> None:
         values = tuple(message.data)
@@ -347,7 +366,8 @@ def nanoseconds(stamp: Any) -> int:
 
 
 def nearest(queue: Queue, at: int, within: int, missing: Any) -> Any:
-    """The value with the time [ns] nearest to `at`, if that is near enough; what is older leaves the queue."""
-    while len(queue) > 1 and abs(queue[1][0] - at) <= abs(queue[0][0] - at):
+    """The value with the time [ns] nearest to `at`, if that is near enough; what is older leaves the queue, and what is of
+    a clock that has gone back since."""
+    while len(queue) > 1 and (abs(queue[1][0] - at) <= abs(queue[0][0] - at) or queue[0][0] - at > MAX_AHEAD):
         queue.popleft()
     return queue[0][1] if queue and abs(queue[0][0] - at) <= within else missing

@@ -14,7 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
 from sensor_msgs.msg import JointState, Temperature  # noqa: E402
 from std_msgs.msg import Float64, Float64MultiArray, UInt8MultiArray  # noqa: E402
 
-from sma_sim import Config  # noqa: E402
+from sma_sim import Config, Model  # noqa: E402
 from sma_sim.ros.command import GUARDED_TIMEOUT  # noqa: E402
 from sma_sim.ros.guard_node import POLL_PERIOD, WireGuard  # noqa: E402
 from sma_sim.ros.messages import stamp_of  # noqa: E402
@@ -142,13 +142,32 @@ def test_what_is_taken_away_is_said_with_its_reason():
         assert one.seen['J_eq'][-1].data == 0.0  # the last that a robot hears
 
 
-def messages(T=40.0):
-    """One message of everybody, by who says it and topic."""
+def test_nothing_is_heated_while_another_node_commands_past_the_guard():
+    """What it cannot limit it does not add to."""
+    with ros_client.Simulation('-p', 'guard.silence:=2.0', topics=TOPICS, module=GUARD) as one:
+        world = World(one)
+        world.until_in_force(6.0)
+        other = one.node.create_publisher(Float64, 'J_eq', 10)
+        world.until_in_force(0.0)
+        world.until(lambda: 'another node publishes J_eq past the guard' in status(one).message)
+        assert '-r J_eq:=J_eq_requested' in status(one).message
+        one.node.destroy_publisher(other)
+        world.until_in_force(6.0)
+        assert one.stop()[0] == 0
+
+
+def messages(at, T=40.0, behind=0.0):
+    """One message of everybody, by who says it and topic, with the stamp `at` [s]; the observer's is of so long before."""
     arrays = {'phase_fractions': [0.3, 0.5, 0.03, 0.03], 'wire_stresses': [1e8, 8e7, 1e6, 1e6]}
+    joints = JointState(name=['U_x', 'U_y', 'alpha'], position=[-5e-5, 0.0, 0.0])
+    joints.header.stamp = stamp_of(round(1e9 * at))
+    temperatures = {f'estimated/wire_{i}/temperature': Temperature(temperature=T, variance=1.0) for i in (1, 2)}
+    for message in temperatures.values():
+        message.header.stamp = stamp_of(round(1e9 * (at - behind)))
     return {
         'controller': {'J_eq_requested': Float64(data=6.0)},
-        'robot': {'joint_states': JointState(name=['U_x', 'U_y', 'alpha'], position=[-5e-5, 0.0, 0.0])},
-        'observer': {f'estimated/wire_{i}/temperature': Temperature(temperature=T, variance=1.0) for i in (1, 2)}
+        'robot': {'joint_states': joints},
+        'observer': temperatures
         | {f'estimated/{name}': Float64MultiArray(data=data) for name, data in arrays.items()}
         | {'estimated/wire_modes': UInt8MultiArray(data=[5, 3])},
     }
@@ -164,7 +183,7 @@ def test_zero_follows_the_last_message_of_a_part_within_the_silence_and_one_look
         guard, dead_at, last, off_at = WireGuard(node, config, False), 100.5, 0.0, None
         for k in range(500):
             now = 100.0 + k * POLL_PERIOD
-            for who, said in messages().items() if k % 5 == 0 else ():
+            for who, said in messages(now).items() if k % 5 == 0 else ():
                 for topic, message in said.items() if who != part or now < dead_at else ():
                     guard.hear(topic, message, now)
                     last = now if who == part else last
@@ -181,27 +200,60 @@ def test_less_is_let_through_while_the_next_estimate_does_not_come():
         guard, allowed = WireGuard(node, config, False), []
         for k in range(70):
             now = 100.0 + k * POLL_PERIOD
-            for who, said in messages(T=60.0).items() if k % 5 == 0 else ():
+            for who, said in messages(now, T=60.0).items() if k % 5 == 0 else ():
                 for topic, message in said.items() if who != 'observer' or k == 0 else ():
                     guard.hear(topic, Float64(data=25.0) if who == 'controller' else message, now)
             allowed.append(guard.look(now).J_eq[0])
         assert all(np.diff(allowed) <= 0.0) and 2.0 < allowed[-1] < 0.6 * allowed[0]
 
 
-@pytest.mark.parametrize(('behind', 'J_eq'), [(0.02, 6.0), (0.15, 6.0), (0.25, 0.0), (10.0, 0.0)])
+@pytest.mark.parametrize(('behind', 'J_eq'), [(0.02, 6.0), (0.14, 6.0), (0.16, 0.0), (10.0, 0.0)])
 def test_an_estimate_of_long_ago_is_none(behind, J_eq):
     """An observer with too little of a processor publishes all the same, of a time that is over."""
     with ros_client.listener(ros_client.any_domain()) as node:
         guard = WireGuard(node, Config({'guard.T_max': 450.0}), False)
         for k in range(100):
             now = 100.0 + 0.01 * k
-            for who, said in messages().items():
+            for said in messages(now, behind=behind).values():
                 for topic, message in said.items():
-                    if hasattr(message, 'header'):
-                        message.header.stamp = stamp_of(round(1e9 * (now - (behind if who == 'observer' else 0.0))))
                     guard.hear(topic, message, now)
             decision = guard.look(now)
         assert decision.J_eq == (J_eq,) and ('the observer is behind' in decision.reason) == (J_eq == 0.0)
+
+
+def heated(config, pace, behind, asked, seconds):
+    """Temperatures [K] of a wire that does not transform, heating in force [W] and the last decision, behind a guard whose
+    observer is so many seconds of the robot behind; its clock is `pace` times as fast. Commands act one look later."""
+    w = Model(config).wire
+    cooling, dt = w.lambda_ * w.surface, pace * POLL_PERIOD
+    decay = np.exp(-cooling * dt / (w.volume * w.rho * w.c_V))
+    T, J, every = [298.0], [0.0], max(round(0.01 / dt), 1)
+    with ros_client.listener(ros_client.any_domain()) as node:
+        guard = WireGuard(node, config, False)
+        for k in range(round(seconds / dt)):
+            now, past = 100.0 + k * POLL_PERIOD, max(k - round(behind / dt), 0)
+            said = messages(50.0 + dt * k, T[past] - 273.15, dt * (k - past))
+            for who, by_topic in said.items() if k % every == 0 else ():
+                for topic, message in by_topic.items():
+                    guard.hear(topic, Float64(data=asked(k * dt)) if who == 'controller' else message, now)
+            T.append(T[-1] * decay + (298.0 + J[-1] / (w.n * cooling)) * (1.0 - decay))
+            decision = guard.look(now)
+            J += decision.J_eq
+    return np.array(T), np.array(J), decision
+
+
+@pytest.mark.parametrize(('pace', 'behind'), [(1.0, 0.0), (1.0, 0.12), (3.0, 0.12), (8.0, 0.12)])
+def test_limits_hold_in_the_time_of_a_robot_that_is_faster_than_a_clock(pace, behind):
+    """Also where its observer is behind and the command changes meanwhile."""
+    config = Config({'guard.T_max': 350.0, 'guard.margin': 0.0})
+    T, J, _ = heated(config, pace, behind, lambda t: 25.0 if t % 0.3 < 0.2 else 2.0, 6.0)
+    assert 340.0 < T.max() < 350.5 and J.max() > 15.0
+
+
+def test_a_robot_that_is_too_fast_to_be_guarded_is_not_heated():
+    T, _, decision = heated(Config(), 40.0, 0.0, lambda t: 25.0, 60.0)
+    assert T[-1] == pytest.approx(298.0, abs=0.1)
+    assert 'its time passes 40.0 times as fast as a clock' in decision.reason
 
 
 class Processes(ros_client.Simulation):

@@ -4,6 +4,7 @@ import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
 
 ros_client = pytest.importorskip('ros_client', reason='rclpy is not installed', exc_type=ImportError)
@@ -11,6 +12,9 @@ from builtin_interfaces.msg import Time  # noqa: E402
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
 from sensor_msgs.msg import JointState, Temperature  # noqa: E402
 from std_msgs.msg import Float64, Float64MultiArray, UInt8MultiArray  # noqa: E402
+
+from sma_sim import Config, Model  # noqa: E402
+from sma_sim.solver.fixed_rate import FixedRateRun  # noqa: E402
 
 TOPICS = (
     (JointState, 'joint_states'),
@@ -88,6 +92,40 @@ def test_samples_are_skipped_where_they_come_too_fast():
         assert len(one.seen['estimated/wire_1/temperature']) < 2000
         code, log = one.stop()
         assert code == 0 and 'Traceback' not in log, log
+
+
+@pytest.mark.parametrize('jump', [-500.0, -5.0, 500.0])
+def test_what_is_known_of_the_wires_stays_where_a_clock_is_set(jump):
+    """A wire is as hot as before. An observer that took the robot to be at rest let a guard heat it by 50 K too far."""
+    with ros_client.Simulation(topics=TOPICS, module='sma_sim.ros.observer_main') as one:
+        joints, heating = one.publisher(JointState, 'joint_states'), one.publisher(Float64, 'J_eq')
+        run = FixedRateRun(Model(Config()), 1000.0, np.array([0.0, 298.0]))
+        truths, began = {}, time.monotonic()
+        estimates = one.seen['estimated/wire_1/temperature']
+
+        def follow(until, ahead):
+            """The robot in time, 50 samples a second, heated with 9 W from 0.5 s on."""
+            while run.time < until:
+                J = 9.0 if run.time >= 0.5 else 0.0
+                heating.publish(Float64(data=J))
+                run.step(np.array([J, 298.0]), 20, 20)
+                message = JointState(name=['U_x', 'U_y', 'alpha'], position=[run.shown(n) for n in ('U_x', 'U_y', 'alpha')])
+                at = round(1e9 * (1000.0 + run.time + ahead))
+                message.header.stamp = Time(sec=at // 10**9, nanosec=at % 10**9)
+                joints.publish(message)
+                truths[at] = run.shown('T_1')
+                while time.monotonic() < began + run.time:
+                    one.executor.spin_once(timeout_sec=0.002)
+
+        follow(3.0, 0.0)
+        one.until(lambda: estimates and estimates[-1].temperature > 55.0)
+        follow(3.5, jump)
+        one.until(lambda: stamp(estimates[-1]) in truths and abs(stamp(estimates[-1]) - 1e9 * (1003.5 + jump)) < 2e8)
+        after = [m for m in estimates if abs(stamp(m) - 1e9 * (1003.25 + jump)) < 3e8]
+        assert len(after) > 5
+        assert max(abs(m.temperature + 273.15 - truths[stamp(m)]) for m in after) < 5.0
+        code, log = one.stop()
+        assert code == 0 and 'stamps of joint_states that jump: by' in log, log
 
 
 def test_silence_and_foreign_joints_are_said():

@@ -71,3 +71,32 @@ def test_a_node_that_acts_takes_the_last_of_samples_that_are_late(max_delay, tak
         assert [sample.stamp for sample in intake.ready()] == taken
         assert intake.skipped() == {'samples skipped': 5 - len(taken)}
         assert len(intake.overload()) == (len(taken) < 5) and not intake.overload()
+
+
+@pytest.mark.parametrize(('max_delay', 'times'), [({}, [7.0, 7.01, 3.0]), ({'max_delay': 1e3}, [7.0, 7.01, 7.0])])
+def test_the_time_of_a_node_that_acts_goes_on_where_the_clock_is_set(max_delay, times):
+    """The wires of a robot do not jump with its clock. The stamps stay what they are."""
+    with ros_client.listener(ros_client.any_domain()) as node:
+        intake = RobotSubscriptions(node, Config(), 0.0, **max_delay)
+        publisher = node.create_publisher(JointState, 'joint_states', 10)
+        executor = rclpy.executors.SingleThreadedExecutor(context=node.context)
+        executor.add_node(node)
+        end = time.monotonic() + ros_client.REACTION
+        while publisher.get_subscription_count() == 0:
+            assert time.monotonic() < end
+            executor.spin_once(timeout_sec=0.05)
+        stamps = [7.0, 7.01, 3.0, 3.01]
+        for count, stamp in enumerate(stamps, 1):
+            message = JointState(name=['U_x', 'U_y', 'alpha'], position=[0.0, 0.0, 0.0])
+            message.header.stamp = stamp_of(round(1e9 * stamp))
+            publisher.publish(message)
+            while intake.waiting < count:
+                assert time.monotonic() < end
+                executor.spin_once(timeout_sec=0.05)
+        samples = list(intake.ready())
+        assert [1e-9 * sample.stamp for sample in samples] == pytest.approx(stamps)
+        # from the third on, by when it arrived
+        passed = [1e-9 * (sample.arrival - samples[2].arrival) for sample in samples]
+        seen = [1e-9 * sample.time for sample in samples]
+        assert seen[:2] == pytest.approx(times[:2]) and seen[3] - seen[2] == pytest.approx(0.01)
+        assert seen[2] == pytest.approx(times[2] - (passed[1] if max_delay else 0.0), abs=0.02)

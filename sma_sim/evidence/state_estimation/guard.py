@@ -8,8 +8,9 @@ because heating lets it transform to austenite, which takes latent heat in addit
 each kelvin at most: that is the slope of the stress at which it transforms back (MAS8), which it does not exceed. Both are
 linear in the heating, so the largest part of a command that keeps all limits is found at once.
 
-An estimate that is older than the command is carried on by the same bounds, under what was let through since, so that less
-is let through where the next estimate does not come.
+An estimate that is older than the command is carried on by the same bounds, under all that was let through since, so that
+less is let through where the next estimate does not come, or comes late. A command counts until the one after the next: it
+stays in force while that one is on its way.
 """
 
 from __future__ import annotations
@@ -123,7 +124,7 @@ class Guard:
         expect('counters', counters, Counters | None)
         model = Model(config)
         self._system, self._wire = model.compiled, model.wire
-        self._commands, self._wires = len(model.structure.commands), model.wires
+        self._size, self._wires = len(model.structure.commands), model.wires
         self._limits = {
             name.removeprefix('guard.'): value for name, value in config.parameters.items() if name.startswith('guard.')
         }
@@ -132,6 +133,7 @@ class Guard:
         self._carried: Estimate | None = None  # the last estimate, as it was at the last command
         self._last: Estimate | None = None
         self._heating, self._stretching = np.zeros((2, self._wires))  # let through [W]; rates of the stresses, if they rise
+        self._commands = [(-math.inf, self._heating)]  # since when [s] which heating may have been in force
         self._kind = ''
         self._turns: list[tuple[float, int]] = []  # of each wire, the last extreme of x_M, and towards which side it goes
 
@@ -160,16 +162,17 @@ class Guard:
         expect('estimate', estimate, Estimate | None)
         expect('time', time, float)
         asked = np.atleast_1d(np.asarray(J_eq, dtype=float))
-        if asked.shape != (self._commands,):
-            raise UserError(f'J_eq = {J_eq}: expected {self._commands} number(s) [W]')
+        if asked.shape != (self._size,):
+            raise UserError(f'J_eq = {J_eq}: expected {self._size} number(s) [W]')
         if estimate is not None:
             self._count_cycles(estimate.x_M)
         scale, kind, reason = self._judged(asked, estimate, time)
         if kind and kind != self._kind:
             self.counters.interventions[kind] += 1
         self._kind = kind
-        allowed = asked * scale if scale > 0.0 else np.zeros(self._commands)
-        self._heating = self._heating_of(allowed)
+        allowed = asked * scale if scale > 0.0 else np.zeros(self._size)
+        before, self._heating = self._heating, self._heating_of(allowed)
+        self._commands.append((time, np.maximum(before, self._heating)))
         return Decision(tuple(allowed.tolist()), scale, kind, reason)
 
     def _judged(self, asked: Vector, estimate: Estimate | None, time: float) -> tuple[float, str, str]:
@@ -204,13 +207,23 @@ class Guard:
             passed = 0.0 if before is None else estimate.time - before.time
             rates = np.zeros(self._wires) if before is None or passed <= 0.0 else (estimate.stress - before.stress) / passed
             self._carried, self._stretching = estimate, np.maximum(rates, 0.0)
-        since, lasted = self._carried, max(time - self._carried.time, 0.0)
-        T, rise = self._prediction(self._heating, since, lasted)
-        stress = since.stress + np.where(
-            self._heating > 0.0, self._wire.sigma_T * np.maximum(T + rise - since.T, 0.0), self._stretching * lasted
-        )
-        self._carried = replace(since, time=since.time + lasted, T=T + rise, stress=stress)
+        if self._commands[-1][0] > time:  # times have gone back: any of these may be the last
+            self._commands = [(-math.inf, np.max([heating for _, heating in self._commands], axis=0))]
+        while len(self._commands) > 1 and self._commands[1][0] <= estimate.time:
+            del self._commands[0]
+        ends = [start for start, _ in self._commands[1:]]
+        for (_, heating), end in zip(self._commands, [*ends, time], strict=True):
+            self._carried = self._carried_on(self._carried, heating, end)
         return self._carried
+
+    def _carried_on(self, since: Estimate, heating: Vector, time: float) -> Estimate:
+        """What may become of an estimate until a time [s], which is not before it, under a heating."""
+        lasted = max(time - since.time, 0.0)
+        T, rise = self._prediction(heating, since, lasted)
+        stress = since.stress + np.where(
+            heating > 0.0, self._wire.sigma_T * np.maximum(T + rise - since.T, 0.0), self._stretching * lasted
+        )
+        return replace(since, time=since.time + lasted, T=T + rise, stress=stress)
 
     def _prediction(self, heating: Vector, estimate: Estimate, lasted: float) -> tuple[Vector, Vector]:
         """Temperatures after so many seconds without heating, and what heating adds (wires,) [K]."""

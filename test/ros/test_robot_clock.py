@@ -1,0 +1,54 @@
+"""The clock of a robot, read between its samples by that of this computer."""
+
+import numpy as np
+import pytest
+
+from sma_sim.ros.robot_clock import AHEAD, WINDOW, RobotClock
+
+
+def heard(clock, stamps, arrivals):
+    """Jumps that the clock tells of for samples."""
+    return [clock.hear(float(stamp), float(arrival)) for stamp, arrival in zip(stamps, arrivals, strict=True)]
+
+
+@pytest.mark.parametrize('pace', [1.0, 3.0, 20.0])
+def test_the_pace_of_a_robot_is_told_by_its_samples(pace):
+    """However long each was on its way; the time is that of the quickest, which is 1 ms of this computer's clock."""
+    clock, random = RobotClock(), np.random.default_rng(1)
+    made = np.arange(0.0, 3.0, 0.01)
+    arrivals = np.maximum.accumulate(made + 1e-3 + 0.004 * random.random(len(made)))
+    assert not any(heard(clock, 50.0 + pace * made, arrivals))
+    assert clock.pace == pytest.approx(pace, rel=0.01)
+    assert clock.at(arrivals[-1] + 0.1) == pytest.approx(50.0 + pace * (arrivals[-1] + 0.099), abs=0.004 * pace)
+
+
+def test_a_robot_that_is_slower_than_a_clock_counts_as_one():
+    clock, made = RobotClock(), np.arange(0.0, 3.0, 0.01)
+    assert not any(heard(clock, 0.3 * made, made)) and clock.pace == 1.0
+    assert clock.at(made[-1] + 0.1) >= 0.3 * (made[-1] + 0.1)
+
+
+@pytest.mark.parametrize('jump', [-500.0, -5.0, -0.3, 1.0, 5.0, 500.0])
+def test_a_clock_that_is_set_is_told_once(jump):
+    clock, made = RobotClock(), np.arange(0.0, 4.0, 0.01)
+    jumps = heard(clock, 1000.0 + made + jump * (made >= 2.0), made)
+    assert np.flatnonzero(jumps).tolist() == [200] and jumps[200] == pytest.approx(jump, abs=1e-6)
+    assert clock.pace == pytest.approx(1.0) and clock.at(5.0) == pytest.approx(1005.0 + jump)
+
+
+def test_what_an_interruption_has_held_back_is_no_jump():
+    """A network that was down for two seconds and then brings some of what was sent, all at once."""
+    clock, made = RobotClock(), np.arange(0.0, 8.0, 0.01)
+    arrivals = np.where((made > 2.0) & (made < 4.0), 4.0, made)
+    kept = (made < 2.5) | (made > 3.5)
+    assert not any(heard(clock, 70.0 + made[kept], arrivals[kept]))
+    assert clock.at(8.0) == pytest.approx(78.0)
+    assert clock.hear(79.0 + 2.0 * AHEAD, 8.0) == pytest.approx(1.0 + 2.0 * AHEAD)  # held back is nothing any more
+
+
+def test_a_pause_of_the_robot_is_no_jump():
+    """A simulator that stands still: its stamps go on from where they were."""
+    clock, made = RobotClock(), np.arange(0.0, 3.0, 0.01)
+    arrivals = made + 10.0 * (made > 1.5)
+    assert not any(heard(clock, made, arrivals))
+    assert clock.pace == pytest.approx(1.0) and clock.at(arrivals[-1] + WINDOW) == pytest.approx(made[-1] + WINDOW)
