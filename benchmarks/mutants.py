@@ -51,7 +51,7 @@ TESTS = {
         init optional_packages fields_read structures own_structures effects_on_structures scopes stack
         robot_description drawing step_equations docs stalls tangents series sampled_channels beyond_the_module
         step_control structure_parts events runs_in_pieces untrusted_data flow_parts short_tangents
-        solver_parts compile paper_parts single_steps ends_and_starts
+        solver_parts compile paper_parts single_steps ends_and_starts prediction dense_commands side_by_side
     ''',
     NATIVE: '''
         solver order conservation energy hard_cases effects_module effects_wire memory effects live reference
@@ -66,7 +66,8 @@ TESTS = {
         plausibility repeatability scopes characterization bench nuisances further_channels residuals resistance
         tangents verdict_text estimation_parts differing_recordings latent next variants recordings
         beyond_the_module inseparable diagnose_data minimization fit_statistics curve_features recordings_in_fits
-        runs_left_out
+        runs_left_out priors imposed covariance honest_intervals smoothed_commands materials
+        notebook_api
     ''',
 }
 # Runs that take long as plain Python.

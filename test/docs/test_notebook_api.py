@@ -215,9 +215,10 @@ def test_an_interval_says_of_what_its_standard_deviation_is(fitted):
     width = (stiffness.high - stiffness.low) / (2.0 * 1.96)
     assert stiffness.std_of_value == pytest.approx(width, rel=0.1)
     assert re.search(r'beam\.E +2\.\d+e\+09 +.* Pa', fitted.summary())
-    if 'pandas' in sys.modules:
-        frame = fitted.to_dataframe()
-        assert frame.loc['beam.E', 'unit'] == 'Pa' and frame.loc['beam.E', 'std'] == stiffness.std_of_value
+    frame = pytest.importorskip('pandas') and fitted.to_dataframe()
+    for name, one in fitted.intervals.items():
+        row = [fitted.values[name], one.low, one.high, one.std_of_value, one.unit]
+        assert frame.loc[name, ['value', 'low', 'high', 'std', 'unit']].tolist() == row
 
 
 def test_a_freed_parameter_that_changes_nothing_is_named(dataset):

@@ -59,6 +59,13 @@ def test_a_wire_of_another_make_is_plausible_and_what_no_wire_has_is_not():
     assert not found_at(base, {'wire.E_A': 1.05e11}, 'high-temperature') and found_at(base, {'wire.E_A': 1.05e11})
 
 
+@pytest.mark.parametrize('material', MATERIALS.values(), ids=MATERIALS)
+def test_martensite_is_nowhere_usual_where_it_would_be_stiffer_than_any_austenite(material):
+    assert all(0.0 < low < high for low, high in material.ranges.values())
+    austenite, martensite = material.ranges['wire.E_A'], material.ranges['wire.E_M']
+    assert martensite[0] < austenite[0] and martensite[1] < austenite[1]
+
+
 def test_cooling_is_plausible_from_a_bundle_in_still_air_to_flowing_water():
     """lambda = Nu k/d of a wire of 0.2 mm: free convection in air at the least, a flow of water at the most."""
     config = read_config(words=[*WIRE, 'wire.r0=1e-4'])

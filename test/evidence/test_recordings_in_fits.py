@@ -48,7 +48,7 @@ from sma_sim.evidence.estimation.residuals import (
     planned_run,
     strain_zero,
 )
-from sma_sim.evidence.estimation.uncertainty import Interval
+from sma_sim.evidence.estimation.uncertainty import GAUSS_95, Interval, ambient_differences
 from sma_sim.words.fit_remarks import starts_sentence
 from sma_sim.words.nuisances import nuisance_data, nuisance_sentences, offset_sentences
 
@@ -85,6 +85,8 @@ def test_every_unknown_has_its_place():
     assert second.switches == (SWITCH.value(z[8]), SWITCH.value(z[9]))
     low, high = problem.limits()
     assert (low[3], high[3], low[5], high[5]) == (-1.0, 1.0, -5.0, 5.0) and problem.samples == 4 * 81
+    starts, switches = ([one.value(end) for end in (low[k], high[k])] for k, one in ((3, START), (8, SWITCH)))
+    assert starts == [0.0, 1.0] and 0.0 < switches[0] < 1e-3 and 1.0 - 1e-3 < switches[1] < 1.0  # a part of an interval
     assert problem.values(z) == {free.name: free.value(x) for free, x in zip(problem.free, z, strict=False)}
     assert problem.fitted(z).parameters['wire.E_A'] == problem.free[0].value(z[0])
     assert not problem.robust and problem.tempering == 1.0  # plain squares, unless another loss is asked for
@@ -92,6 +94,22 @@ def test_every_unknown_has_its_place():
     assert known.delay_at(z) == 0.02
     assert len(known.unknowns) == 9 and known.shared == problem.free
     assert known.weighted(3.0).runs[0].weight == pytest.approx(3.0 * problem.runs[0].weight)
+
+
+def test_rooms_are_told_by_their_differences_to_the_first():
+    """Whose own is none; what all have in common widens nothing, and of two covariances the larger variance counts."""
+    problem = problem_of()
+    problem = replace(problem, runs=tuple(replace(run, ambient_std=2.0) for run in problem.runs))
+    first, second = (at[-1] for at in problem.indices())
+    z, common, own = np.zeros(len(problem.unknowns)), np.zeros((11, 11)), np.zeros((11, 11))
+    z[[first, second]] = 0.5, -1.0
+    common[np.ix_([first, second], [first, second])] = 9.0
+    own[second, second] = 0.25
+    assert all(one.value == one.low == one.high == 0.0 for one in [ambient_differences(problem, z, (common, own))['run0']])
+    found = ambient_differences(problem, z, (common, own))['run1']
+    reach = GAUSS_95 * 2.0 * 0.5
+    assert (found.low, found.value, found.high) == pytest.approx((-3.0 - reach, -3.0, -3.0 + reach))
+    assert ambient_differences(problem_of(), z, (common, own)) == {}
 
 
 def test_what_one_run_was_found_to_be_comes_back_as_its_unknowns():
