@@ -5,8 +5,8 @@ import pytest
 from isobaric_runs import BENCH
 from test_curve_features import COLD, COOLING, HEATING, HOT, way
 
-from sma_sim import FitOptions, Input, Model, calibrate, compare, read_config, read_dataset, simulate
-from sma_sim.evidence.data.quasi_static import cycles, turning_rows
+from sma_sim import FitOptions, Input, Model, Recording, calibrate, compare, read_config, read_dataset, simulate
+from sma_sim.evidence.data.quasi_static import FIRST_CYCLES, cycles, first_cycles, turning_rows
 from sma_sim.evidence.estimation.curve_features import isobaric_features
 from sma_sim.evidence.residual_analysis.wire_tests import characterization
 from sma_sim.report.html.characterization import characterization_section
@@ -59,6 +59,39 @@ def test_inner_loops_holds_and_halves_are_no_cycles():
     (heating, cooling), *rest = cycles(T, np.arange(float(len(T))))
     assert not rest and heating[1][0] == 0.0 and heating[1][-1] == cooling[1][0] and cooling[0][-1] == 300.0
     assert turning_rows(np.full(5, 1.0)) == [0] and turning_rows(np.empty(0)) == [] and cycles(T[:101], T[:101]) == []
+
+
+def many_cycles(hottest, stress=2e8, system='wire_under_load_at_T', J=0.0):
+    """A test whose cycles go up to the `hottest` temperatures [K], one after the other, under a stress [Pa] (each)."""
+    T = np.concatenate([[300.0], *(np.linspace([310.0, hot - 10.0], [hot, 300.0], 10).T.ravel() for hot in hottest)])
+    time, structure = np.arange(len(T)) * 20.0, read_config(words=['system=' + system]).structure.structure
+    drives = [np.broadcast_to(stress, T.shape), T] if structure.is_quasi_static else [np.broadcast_to(stress, T.shape)]
+    columns = np.column_stack([*drives, np.full(len(T), J) * (time > time[-2]), np.full(len(T), 298.0)])
+    source = Input(time, columns, (*[True] * len(drives), False, False), structure.input_columns)
+    return Recording('whole', structure.name, time, {'strain': 1e-4 * T}, source, sample_std={'strain': 1e-5 * T})
+
+
+def test_a_search_takes_the_first_of_many_cycles_that_repeat():
+    first = first_cycles(many_cycles([400.0] * 98))
+    assert len(cycles(first.source.values[:, 1], first.time)) == FIRST_CYCLES
+    assert first.source.times[-1] == first.time[-1] and len(first.sample_std['strain']) == len(first.time)
+    assert first.channels['strain'] == pytest.approx(1e-4 * first.source.values[:, 1])
+    growing = first_cycles(many_cycles([400.0] * 40 + [450.0] + [440.0] * 40))
+    assert len(cycles(growing.source.values[:, 1], growing.time)) == 41 and growing.source.values[:, 1].max() == 450.0
+
+
+@pytest.mark.parametrize(
+    'other',
+    [
+        many_cycles([400.0] * FIRST_CYCLES),
+        many_cycles([400.0] * 40, np.repeat([1e8, 2e8], [401, 400])),  # two levels, each of many cycles
+        many_cycles([400.0] * 40, J=0.1),
+        many_cycles([400.0] * 40, system='wire_under_load'),
+    ],
+    ids=['few', 'levels', 'heated', 'in air'],
+)
+def test_other_tests_are_searched_whole(other):
+    assert first_cycles(other) is other
 
 
 @pytest.fixture(scope='module')

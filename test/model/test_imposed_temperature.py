@@ -151,3 +151,18 @@ def test_a_bath_and_a_heated_run_in_one_fit(tmp_path):
     found = calibrate(dataset, Config(system='slider'), FitOptions(free=tuple(truth), kinetics='hybrid', starts=1))
     for name, value in truth.items():
         assert found.config.parameters[name] == pytest.approx(value, rel=0.01)
+
+
+def test_a_mas_wire_under_load_takes_long_steps_through_its_transformation():
+    """An inexact Jacobian would keep them short: stress follows strain stiffly, and rates are exponentials of it."""
+    words = ['system=wire', 'bench.control=stress', PRESCRIBED, 'kinetics=mas', 'wire.T0=385', 'wire.sigma_MW0=2e8']
+    effects, T = ['temperature_gradient:dT=2'], np.array([580.0, 310.0, 580.0])
+    runs = []
+    for rtol in (1e-5, 1e-7):
+        model = Model(read_config(words=[*words, f'solver.rtol={rtol}'], effects=effects))
+        columns = np.column_stack([np.full(3, 2e8), T, np.zeros(3), np.full(3, 298.0)])
+        source = Input(np.array([0.0, 540.0, 1080.0]), columns, (True, True, False, False), model.structure.input_columns)
+        runs.append(simulate(model, source, 1.0))
+    coarse, fine = runs
+    assert np.ptp(fine['strain']) > 0.05 and coarse['strain'] == pytest.approx(fine['strain'], abs=1e-6)
+    assert coarse.steps < 600  # twice as many with slopes over 1e-7 of the strain's scale

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Recording
+from sma_sim.model.structures.discovery import known_structures
+from sma_sim.solver.inputs import Input
 
 Vector = NDArray[np.float64]
 GRID = 200  # temperatures to which one way is interpolated
@@ -13,6 +17,8 @@ SMOOTHED = 0.02  # part of the temperatures over which the slope is taken
 ACCURACY = 0.5  # [K] to which a thermocouple on a specimen, and its gradients, let its temperature be known
 TURNED = 0.3  # of what a temperature spans, by which it has gone back where it has turned: less is a hold, or an inner loop
 WHOLE = 0.5  # of what a temperature spans, on a way that may belong to a cycle
+FIRST_CYCLES = 32  # of many that repeat, which a search takes: a wire learns in the first, and all take the same time
+REPEATED = 0.95  # of what a drive spans, beyond which cycles only repeat what it has reached
 Way = tuple[Vector, Vector]
 Cycle = tuple[Way, Way]
 
@@ -54,6 +60,39 @@ def turning_rows(T: Vector) -> list[int]:
             rows.append(extreme)
             extreme, sign = row, -sign
     return [*rows, extreme] if extreme > rows[-1] else rows
+
+
+def first_cycles(recording: Recording) -> Recording:
+    """A quasi-static test up to where its cycles only repeat, after FIRST_CYCLES at least; any other recording as it is."""
+    structure, source = known_structures()[recording.system], recording.source
+    values, count = np.asarray(source.values, float), len(structure.drives)
+    is_set = structure.is_quasi_static and not np.ptp(values[:, count:], axis=0).any()  # by its drives alone
+    last = last_new_row(values[:, :count]) if is_set else 0
+    first = recording.time <= source.times[last]
+    seen = [np.isfinite(shown[first]).any() for shown in recording.channels.values()]
+    if not (last and all(seen)):
+        return recording
+    return replace(
+        recording,
+        time=recording.time[first],
+        channels={name: shown[first] for name, shown in recording.channels.items()},
+        source=Input(np.asarray(source.times)[: last + 1], values[: last + 1], source.linear, source.names),
+        sample_std={name: std[first] for name, std in recording.sample_std.items()},
+    )
+
+
+def last_new_row(drives: NDArray[np.float64]) -> int:
+    """The row at which the last cycle ends that does not only repeat what `drives` (k, d) did before; 0 where one of them
+    moves in few cycles."""
+    last = 0
+    for drive in (one for one in drives.T if np.ptp(one) > 0.0):
+        rows, above = turning_rows(drive), (drive - drive.min()) / np.ptp(drive)
+        if len(rows) <= 2 * FIRST_CYCLES + 1:
+            return 0
+        reached = max(int(np.argmax(part >= REPEATED)) for part in (above, 1.0 - above))
+        ways = max(2 * FIRST_CYCLES, int(np.searchsorted(rows, reached)))
+        last = max(last, rows[min(ways + ways % 2, len(rows) - 1)])
+    return last
 
 
 def smoothed_way(T: Vector, values: Vector) -> tuple[Vector, Vector, Vector]:

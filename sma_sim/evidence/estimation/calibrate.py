@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.evidence.data.quasi_static import first_cycles
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.curve_features import shown_by_curves
 from sma_sim.evidence.estimation.executors import executor_or_threads, run_in_threads
@@ -388,9 +389,12 @@ def full_problem(dataset: Dataset, fit: FitResult, options: FitOptions) -> Probl
 def multistart_search(
     start: PreparedFit, options: FitOptions, context: SearchContext, criteria: StopCriteria = FROM_PRIORS
 ) -> FitResult:
-    """The best of several starts on thinned samples, all but the first damped less; of many runs on a subset at first."""
-    config, longest = start.config, max(len(recording.time) for recording in start.dataset.recordings)
-    thinned = problem_for(start.dataset, config, options, max(1, longest // SEARCH_SAMPLES))
+    """The best of several starts on thinned samples, all but the first damped less; of many runs on a subset at first, and
+    of a test of many cycles on the first."""
+    config, recordings = start.config, tuple(map(first_cycles, start.dataset.recordings))
+    longest = max(len(recording.time) for recording in recordings)
+    dataset = replace(start.dataset, recordings=recordings)
+    thinned = problem_for(dataset, config, options, max(1, longest // SEARCH_SAMPLES))
     subset = run_subset(thinned)
     shown = shown_by_curves(start.curves, config) | shown_by_warming(start.dataset, config)
     points = starting_points(subset, shown, options.starts, options.seed, context.pool)
