@@ -259,17 +259,18 @@ def stage_of(effects, held_out):
 
 
 @pytest.mark.parametrize(
-    ('held_out', 'together', 'rooms', 'verdict', 'retracted'),
+    ('held_out', 'together', 'rooms', 'odds', 'verdict', 'retracted'),
     [
-        ((5.0, 2.0), 1.0, (), 'missing_effect', False),  # better, and explained where it is fitted too
-        ((5.0, 8.0), 1.0, (), 'unknown_effect', False),  # worse: nothing is decided
-        ((5.0, 8.0), 3.0, (), 'unknown_effect', True),
-        ((5.0, 1.2), 3.0, (), 'missing_effect', False),
-        ((5.0, 8.0), 1.0, (3.0, 1.2), 'missing_effect', False),  # worse in the room of the others only
-        ((5.0, 8.0), 1.0, (3.0, 4.0), 'unknown_effect', False),
+        ((5.0, 2.0), 1.0, (), 0.0, 'missing_effect', False),  # better, and explained where it is fitted too
+        ((5.0, 8.0), 1.0, (), -1.0, 'unknown_effect', False),  # worse, and fitted to all runs no better
+        ((5.0, 8.0), 1.0, (), 1.0, 'missing_effect', False),  # worse, as the fitted runs left open what all runs tell
+        ((5.0, 8.0), 3.0, (), 1.0, 'unknown_effect', True),
+        ((5.0, 1.2), 3.0, (), 0.0, 'missing_effect', False),
+        ((5.0, 8.0), 1.0, (3.0, 1.2), -1.0, 'missing_effect', False),  # worse in the room of the others only
+        ((5.0, 8.0), 1.0, (3.0, 4.0), -1.0, 'unknown_effect', False),
     ],
 )
-def test_an_effect_that_predicts_worse_is_not_found(monkeypatch, held_out, together, rooms, verdict, retracted):
+def test_an_effect_that_predicts_worse_is_not_found(monkeypatch, held_out, together, rooms, odds, verdict, retracted):
     fit = FitResult(module_problem(), np.zeros(len(module_problem().unknowns)), 0.0)
     stages = [stage_of(effects, error) for effects, error in zip(((), ('gravity',)), held_out, strict=True)]
     data = SimpleNamespace(limit=1.3, under=lambda *_: SimpleNamespace(training=1, held_out=1))
@@ -277,14 +278,16 @@ def test_an_effect_that_predicts_worse_is_not_found(monkeypatch, held_out, toget
     monkeypatch.setattr(conclusion, 'provisional_stage', lambda *_: stages[0])
     monkeypatch.setattr(conclusion, 'final_stage', lambda _, kind, *__: replace_kind(stages, kind))
     pooled = conclusion.PooledErrors(together, together, {'run3': -1.2} if rooms else {})
-    monkeypatch.setattr(conclusion, 'pooled_refit', lambda *_: pooled)
+    monkeypatch.setattr(conclusion, 'pooled_refit', lambda _, model, *__: (model, pooled))
+    monkeypatch.setattr(conclusion, 'evidence_score', lambda model, *_: odds if model is last else 0.0)
     monkeypatch.setattr(conclusion, 'errors_in_own_rooms', lambda *_: rooms)
     errors = rooms or held_out  # without uncertain parameters the density falls with the error
     monkeypatch.setattr(conclusion, 'log_predictive', lambda stage, *_: -10.0 * errors[stages.index(stage)])
     monkeypatch.setattr(conclusion, 'estimated', lambda fit, *_: fit)
     monkeypatch.setattr(conclusion, 'has_terms', lambda _: False)
-    posterior = SimpleNamespace(best=None, unlisted=0.0, overdispersion=1.0)
-    found = conclusion.conclusion([('nominal', fit), ('added', fit)], posterior, data, None, SearchContext(None, Event()))
+    posterior = SimpleNamespace(best=SimpleNamespace(components=()), unlisted=0.0, overdispersion=1.0)
+    last = replace(fit)
+    found = conclusion.conclusion([('nominal', fit), ('added', last)], posterior, data, None, SearchContext(None, Event()))
     assert found.verdict == verdict and (len(found.stages) > 2) == retracted
 
 

@@ -44,7 +44,7 @@ from sma_sim.evidence.search.beam import Book
 from sma_sim.evidence.search.equations import has_terms
 from sma_sim.evidence.search.posterior import EVEN, TIE, Posterior
 from sma_sim.evidence.search.refine import Model
-from sma_sim.evidence.search.score import evidence_at
+from sma_sim.evidence.search.score import evidence_at, evidence_of
 from sma_sim.model.config import Config
 from sma_sim.model.structures.discovery import known_structures
 from sma_sim.solver.simulate import SimulationError
@@ -76,17 +76,18 @@ def conclusion(
 ) -> Conclusion:
     """Read the held-out runs once: they confirm the last model, or speak for an earlier one.
 
-    A model that explains them when it is fitted to them too, and else predicts them worse than an earlier one, may be what
-    is missing: fitted runs that leave open what it predicts do not tell.
+    Fitted runs may leave open what a model predicts. One that explains all runs when it is fitted to them, and else predicts
+    those held out worse than an earlier one, is judged by what all runs say of both.
     """
     *before, (kind, fit) = path
-    last, pooled = as_fitted(fit, context), None
+    last, together = as_fitted(fit, context), None
     fits = [estimated(earlier, data, context) for _, earlier in before]
     stages = [provisional_stage(data, name, one, context) for (name, _), one in zip(before, fits, strict=True)]
     stages.append(final_stage(data, kind, last, context))
     known = data.under(last, context)
     if known.held_out and reaches_beyond_fitted(stages[-1], data.limit):
-        pooled = pooled_refit((known.training, known.held_out), last, stages[-1].predicted, options, context, data.limit)
+        together = pooled_refit((known.training, known.held_out), last, stages[-1].predicted, options, context, data.limit)
+    pooled = None if together is None else together[1]
     explained = pooled is not None and pooled.explained(data.limit)
     is_worse, best = False, len(stages) - 1
     if stages[-1].held_out > data.limit and len(stages) > 1:
@@ -103,8 +104,23 @@ def conclusion(
         last = as_fitted(path[best][1], context)
         stages.append(final_stage(data, 'retracted', last, context))
         return Conclusion('unknown_effect', last, tuple(stages), None)
+    if is_worse and together is not None and known.held_out:
+        context.on_progress('fitting all runs with fewer components')
+        runs, earlier = (known.training, known.held_out), fits[best]
+        fewer = pooled_refit(runs, earlier, stages[best].predicted, options, context, data.limit)
+        more = sum(one.log_prior for one in posterior.best.components if one.effect not in earlier.effects)
+        k = posterior.overdispersion
+        is_worse = fewer is None or evidence_score(together[0], more, k, context) < evidence_score(fewer[0], 0.0, k, context)
     verdict = 'unknown_effect' if is_worse else verdict_of(stages[-1], pooled, posterior, data.limit)
     return Conclusion(verdict, last, tuple(stages), pooled)
+
+
+def evidence_score(fit: FitResult, log_prior: float, k: float, context: SearchContext) -> float:
+    """The score of a fit under an overdispersion k; -inf where it cannot be run."""
+    try:
+        return evidence_of(fit, log_prior, context).score(k)
+    except SimulationError:
+        return -inf
 
 
 def errors_in_own_rooms(stages: Sequence[ModelStage], held_out: Dataset, context: SearchContext) -> tuple[float, ...]:
@@ -424,22 +440,22 @@ def pooled_refit(
     options: FitOptions,
     context: SearchContext,
     limit: float = CRITERIA.unexplained,
-) -> PooledErrors | None:
-    """The last model fitted to the training and the held-out runs, from where it is and where they are `predicted` to start.
+) -> tuple[FitResult, PooledErrors] | None:
+    """A model fitted to the training and the held-out runs, from where it is and where they are `predicted` to start.
 
     The first of several fits that leaves no more than `limit` allows, else the first one. None where it cannot be run, or
     was stopped.
     """
     training, held_out = datasets
     both = replace(training, recordings=(*training.recordings, *held_out.recordings))
-    first: PooledErrors | None = None
+    first: tuple[FitResult, PooledErrors] | None = None
     for fit in refits(both, last, predicted, options, context):
         if context.stop.is_set():
             return None
-        errors = None if fit is None else errors_of(fit, training, context)
-        if errors is not None and errors.explained(limit):
-            return errors
-        first = first or errors
+        found = None if fit is None else (fit, errors_of(fit, training, context))
+        if found is not None and found[1].explained(limit):
+            return found
+        first = first or found
     return first
 
 
