@@ -34,6 +34,7 @@ def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:
     found: dict[str, Any] = finite(
         {
             'verdict': diagnosis.verdict,
+            'system': diagnosis.calibration.config.system,
             'model': diagnosis.calibration.config.simulated_kinetics,
             'effects': plain_names(diagnosis.effects),
             'variants': variants(diagnosis),

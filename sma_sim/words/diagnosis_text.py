@@ -74,7 +74,11 @@ def as_text(diagnosis: Diagnosis) -> Iterator[str]:
     yield from set_up_sentences(diagnosis.set_up)
     if not is_uncertain(diagnosis.set_up):
         yield from probability_lines(
-            {'models': models(diagnosis.posterior), 'probabilities': probabilities(diagnosis.posterior)}
+            {
+                'system': diagnosis.calibration.config.system,
+                'models': models(diagnosis.posterior),
+                'probabilities': probabilities(diagnosis.posterior),
+            }
         )
     yield f'{"normalized RMSE (1: as good as the sensors)":<44} fitted  held out'
     for stage in diagnosis.stages:

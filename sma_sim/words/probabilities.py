@@ -1,9 +1,9 @@
 """How probable a diagnosis holds its models, in words: for the terminal, the report and the page of `explore`.
 
-All of it is read from the data of a diagnosis (`sma_sim.words.diagnosis_data.as_data`): ``probabilities``, of nothing
-missing (``none``), of something that is not listed (``unlisted``) and of each of the ``effects`` by name; and ``models``,
-the most probable first, with their ``effects``, a ``formula`` or none, ``differences`` between recordings, ``probability``
-and ``error`` over noise.
+All of it is read from the data of a diagnosis (`sma_sim.words.diagnosis_data.as_data`): its ``system``; ``probabilities``,
+of nothing missing (``none``), of something that is not listed (``unlisted``) and of each of the ``effects`` by name; and
+``models``, the most probable first, with their ``effects``, a ``formula`` or none, ``differences`` between recordings,
+``probability`` and ``error`` over noise.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from typing import Any
 from sma_sim.evidence.search.posterior import EVEN, TIE
 from sma_sim.model.effects.discovery import package_effects
 from sma_sim.model.effects.scope import FORM, SEPARATOR, words_of
+from sma_sim.model.structures.discovery import known_structures
+from sma_sim.model.structures.module import STRUCTURE as MODULE
 
 NOTHING, UNLISTED = 'nothing missing', 'something that is not listed'
 CERTAIN, MIN_PERCENT = 0.999, 0.01  # above it no digits, below it a ratio
@@ -45,10 +47,11 @@ def probability_words(p: float) -> str:
     return f'1 in {round(ratio, DIGITS - 1 - math.floor(math.log10(ratio))):,.0f}'
 
 
-def effect_words(name: str) -> str:
-    """What a sentence calls an effect, NAME or NAME@SCOPE."""
+def effect_words(name: str, system: str = MODULE.name) -> str:
+    """What a sentence calls an effect, NAME or NAME@SCOPE, on a structure."""
     plain, _, scope = name.partition(SEPARATOR)
-    known = package_effects().get(plain)
+    known, structure = package_effects().get(plain), known_structures().get(system)
+    known = known.on(structure) if known and structure else known
     phrase = known.effect.phrase if known else plain.replace('_', ' ')
     scope, _, field = scope.partition(FORM)
     place = re.sub(r'^wire_(\d+)_?$', r'wire \1', scope).rstrip('_')
@@ -56,17 +59,25 @@ def effect_words(name: str) -> str:
     return phrase + words + (f', as another function of {words_of(field)}' if field else '')
 
 
-def model_words(model: Mapping[str, Any]) -> str:
-    """What a model adds to the nominal one, and in what its recordings differ."""
-    parts = [*map(effect_words, model['effects']), *([f'the equation {model["formula"]}'] if model['formula'] else [])]
+def model_words(model: Mapping[str, Any], system: str) -> str:
+    """What a model of a structure adds to the nominal one, and in what its recordings differ."""
+    parts = [
+        *(effect_words(name, system) for name in model['effects']),
+        *([f'the equation {model["formula"]}'] if model['formula'] else []),
+    ]
     differences = [f'recordings that differ in {name}' for name in model.get('differences') or ()]
     return ' + '.join([*(parts or [NOTHING]), *differences])
+
+
+def system_of(found: Mapping[str, Any]) -> str:
+    """The structure of a diagnosis; data of older versions do not say it."""
+    return str(found.get('system', MODULE.name))
 
 
 def model_rows(found: Mapping[str, Any]) -> list[ProbabilityRow]:
     """The models of a diagnosis, the most probable first; none where it says nothing of them."""
     return [
-        ProbabilityRow(model_words(model), probability_words(model['probability']), model['error'])
+        ProbabilityRow(model_words(model, system_of(found)), probability_words(model['probability']), model['error'])
         for model in found.get('models') or ()
     ]
 
@@ -77,7 +88,10 @@ def finding_rows(found: Mapping[str, Any]) -> list[ProbabilityRow]:
     if not known:
         return []
     effects = sorted(known['effects'].items(), key=lambda item: -float(item[1]))
-    named = [(effect_words(name), p) for name, p in effects] + [(NOTHING, known['none']), (UNLISTED, known['unlisted'])]
+    named = [(effect_words(name, system_of(found)), p) for name, p in effects] + [
+        (NOTHING, known['none']),
+        (UNLISTED, known['unlisted']),
+    ]
     return [ProbabilityRow(words, probability_words(p)) for words, p in named]
 
 

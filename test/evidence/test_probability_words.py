@@ -8,6 +8,9 @@ from explore_server import serving, until
 from explore_steps import gravity_case, opened
 
 from sma_sim.explore.jobs import new_job
+from sma_sim.model.effects.discovery import effects_on, package_effects
+from sma_sim.model.effects.meaning import acts_on
+from sma_sim.model.structures.discovery import package_structures
 from sma_sim.report.html.diagnosis_page import probability_blocks
 from sma_sim.report.html.page import Section, write_page
 from sma_sim.words.probabilities import (
@@ -79,7 +82,20 @@ def test_effects_are_called_by_their_phrases():
     assert effect_words('sensor_bias@U_y') == 'a constant offset of the sensors, in U_y only'
     assert effect_words('natural_convection@wire_2') == 'heat lost by natural convection, in wire 2 only'
     assert effect_words('ambient_heating@shared') == 'warming of the air around the wires, shared by the wires'
-    assert effect_words('my_own_effect') == 'my own effect'
+    assert effect_words('my_own_effect') == 'my own effect' == effect_words('my_own_effect', 'wire')
+    assert effect_words('gravity', 'my_own_robot') == 'gravity'
+
+
+def test_no_bundles_are_spoken_of_where_there_is_a_single_wire():
+    singles = [one for one in package_structures().values() if one.structure.wires == 1]
+    assert len(singles) > 5
+    for structure in (one.structure for one in singles):
+        for name, effect in effects_on(package_effects(), (), structure).items():
+            if acts_on(effect.effect, structure):
+                assert 'bundles' not in effect.effect.phrase == effect_words(name, structure.name)
+    said = {'models': [{'effects': ['pretension_mismatch'], 'formula': None, 'probability': 1.0, 'error': 1.0}]}
+    assert 'a length of the wire that is not as given' in probability_lines({'system': 'wire', **said})[0]
+    assert 'unequal pre-tension of the bundles' in probability_lines({'system': 'module', **said})[0]
 
 
 def test_sentences_name_the_best_the_second_and_ties():

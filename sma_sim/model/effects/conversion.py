@@ -35,13 +35,14 @@ def effect_on(effect: Effect, structure: Structure, values: Mapping[str, float] 
     if effect.structure is structure:
         return effect
     general = effect.general_title if structure.title != MODULE.title else ''
+    single = effect.single_title if structure.wires == 1 else ''
     title, named = structure.named_effects.get(effect.name, NamedEffect('', {}))
     known = values if values is not None and structure.default_values.keys() <= values.keys() else structure.default_values
     moved = replace(
         effect,
         structure=structure,
         kernel=dict(effect.kernels).get(structure.original, effect.kernel),
-        title=title or general or effect.title,
+        title=title or single or general or effect.title,
         same_as=' with '.join(named.values()) or effect.same_as,
         confused_with=tuple(name for name in effect.confused_with if has_parameter(name, structure)),
     )

@@ -154,9 +154,9 @@ class Effect:
         What leaves nearly the same trace: effects, parameters by their full names, or the 'delay' of the recording.
     same_as : str
         What is identical in the equations, so that no measurement distinguishes it, in words.
-    title, general_title : str
+    title, general_title, single_title : str
         A short phrase that completes "the model lacks ..."; the default is the name. The second is for structures that are
-        no beam.
+        no beam, the third for those with one wire.
     scope, structure : Scope, Structure
         Not for effect files: where an effect that is named NAME@SCOPE acts, and on what.
 
@@ -196,6 +196,7 @@ class Effect:
     same_as: str = ''
     title: str = ''
     general_title: str = ''
+    single_title: str = ''
     scope: Scope = EVERYWHERE
     structure: Structure = field(default=MODULE, repr=False, hash=False)
 

@@ -10,6 +10,7 @@ from sma_sim.model.parameters import Parameter
 EFFECT = Effect(
     name='pretension_mismatch',
     title='unequal pre-tension of the bundles',
+    single_title='a length of the wire that is not as given',
     port='wire_strain',
     equation='e = delta/2 (wire 1), extra_i - delta/2 (wire i)',
     source='geometry: l0 of a bundle is known as well as its crimps are placed',
@@ -19,7 +20,7 @@ EFFECT = Effect(
             4e-3,
             '-',
             (-0.1, 0.1),
-            'wire 1 is longer than the others, over l0',
+            'wire 1 is longer than the others, over l0; a single wire is by half of it',
             neutral=0.0,
             realistic=(-0.02, 0.02),
         ),
