@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from systems import active
 
 from sma_sim import Config, Input, Model, default_parameters, module_input, simulate, wire_input
 from sma_sim.solver.sensitivities import Neighbour, direct_states, padded, row_shifts, simulate_with_tangents
@@ -68,6 +69,33 @@ def test_tangents_of_a_short_run_are_those_of_differences(kinetics):
         assert smooth.mean() > 0.9  # not where a row begins
     before = run_at(config, source, times[-1:] - 1e-4, channels)['T_K']
     assert found.slopes[channels.index('T')][-1] == pytest.approx((plain['T_K'][-1:] - before)[0] / 1e-4, rel=1e-3)
+
+
+def test_a_sample_at_a_row_has_the_slopes_after_it_whichever_samples_come_before():
+    """The strain goes back from there on, and the wire is heated no more."""
+    config, channels, row = configuration('hybrid'), ('stress', 'T'), RAMP.times[1]
+    model = Model(config)
+    start = new_run(model, RAMP.values[0], new_work(model))
+    alone, after_others = (
+        simulate_with_tangents(model, RAMP, np.array(times), start, channels, (Neighbour(),)).slopes[:, -1]
+        for times in ([row], [0.3 * row, row - 1e-4, row])
+    )
+    plain = run_at(config, RAMP, np.array([row, row + 1e-6]), channels)
+    after = [(plain[column][1] - plain[column][0]) / 1e-6 for column in plain.columns]
+    assert (alone == after_others).all() and alone == pytest.approx(after, rel=1e-2)
+
+
+def test_a_clock_that_gains_is_counted_from_the_beginning_of_the_run():
+    """What it shows at t was seen at (1 - rate) t."""
+    plain, channels = configuration('hybrid'), ('stress', 'T')
+    skewed = Config(plain.parameters, 'wire', 'hybrid', (active('clock_skew', rate=0.2),))
+    source, times = replace(RAMP, times=RAMP.times + 5.0), np.linspace(0.0, 0.2, 9)
+    model = Model(skewed)
+    start = new_run(model, source.values[0], new_work(model))
+    found = simulate_with_tangents(model, source, 5.0 + times, start, channels, (Neighbour(),))
+    seen = run_at(plain, RAMP, 0.8 * times, channels)
+    for column, values in seen.columns.items():
+        assert found.trajectory[column] == pytest.approx(values, rel=1e-4)
 
 
 def test_shifts_of_rows_are_derivatives_of_their_times():

@@ -15,6 +15,7 @@ from sma_sim.model.program_parameters import DEFAULTS
 from sma_sim.model.structures.discovery import StructureError, package_structures
 from sma_sim.model.structures.structure import numbers, record
 from sma_sim.solver import simulate as simulation
+from sma_sim.solver.clock import held_until
 from sma_sim.solver.columns import named_columns, new_samples, places, sample_columns, sampled_numbers
 from sma_sim.solver.effect_table import channel_scales, own_scratch, state_scales
 from sma_sim.solver.events import remember_fraction
@@ -398,3 +399,19 @@ def test_an_inertia_that_cannot_be():
                 inertia_of(odd, structure.default_constants)
     with pytest.raises(UserError, match='returns 2 number.s.; expected one for each of U_x, U_y, alpha'):
         inertia_of(replace(module, inertia=lambda p: (1.0, 1.0)), module.default_constants)
+
+
+@pytest.mark.parametrize(
+    ('commands', 'linear', 'ends'),
+    [
+        ([0.0, 5.0, 5.0], False, [0.0, 1.0, 3.0]),  # the last stretch goes on
+        ([0.0, 5.0, 0.0], False, [0.0, 1.0, 2.0, 3.0]),  # what is switched off stays off
+        ([0.0, 5.0, 4.0], True, [0.0, 1.0, 2.0, 3.0]),
+    ],
+)
+def test_an_input_is_held_beyond_its_end(commands, linear, ends):
+    given = segments(module_input([0.0, 1.0, 2.0], commands, linear=linear))
+    assert held_until(given, np.array([0.5, 2.0])) is given and held_until(given, np.zeros(0)) is given
+    times, values, slopes = held_until(given, np.array([0.5, 3.0]))
+    assert times.tolist() == ends and values[:, 0].tolist() == (commands + commands[-1:])[: len(ends)]
+    assert not slopes[len(ends) - 2 :].any()

@@ -30,10 +30,10 @@ class PickledConfig:
     config: Config
     _models: dict[tuple[str, float], Model] = field(default_factory=dict, init=False, repr=False, compare=False)
 
-    def model(self, bench: str = '', looser: float = 1.0) -> Model:
-        """The model on a bench (empty: that of the configuration), at so many times its solver.rtol: one for all runs."""
+    def model(self, bench: str, looser: float = 1.0) -> Model:
+        """The model on a bench, at so many times its solver.rtol: one for all runs."""
         if (bench, looser) not in self._models:
-            config = self.config.on_bench(bench) if bench else self.config
+            config = self.config.on_bench(bench)
             if looser != 1.0:
                 config = config.variant({'solver.rtol': looser * config.parameters['solver.rtol']})
             self._models[bench, looser] = Model(config)

@@ -52,10 +52,10 @@ class FitData:
     `drift_std` (channels,): priors of a zero of this recording and of its drift, 0 where known; empty where all are.
     `ambient_std` [K]: prior of what its ambient temperature differs by, 0 where that is known. `unpowered_side`: the sign of
     a command that heats nothing.
-    `bench`: on which the wire was, by the name of its structure; empty for that of the configuration. `level`: the
-    stress [Pa] of an isobaric test, NaN of others. `zero_range`: of an unknown zero of the strain gauge. `starts`: wires of
-    which it is unknown where they begin within the hysteresis. `leeway`: how far a command that changes at every moment may
-    be smoothed. `correction` (channels, k): what the weighted residuals of a run are more than those of one under the
+    `bench`: on which the wire was, by the name of its structure. `level`: the stress [Pa] of an isobaric test, NaN of
+    others. `zero_range`: of an unknown zero of the strain gauge. `starts`: wires of which it is unknown where they begin
+    within the hysteresis. `leeway`: how far a command that changes at every moment may be smoothed. `correction`
+    (channels, k): what the weighted residuals of a run are more than those of one under the
     smoothed command, at a point nearby; without it runs are made row by row. `floor_shares`: by channel, the part of the
     variance of the noise that is what repeated experiments differ by; empty where that is not known.
     """
@@ -69,16 +69,16 @@ class FitData:
     changed: Vector
     interval: Vector
     group: NDArray[np.int64]
-    step_limited: bool = False
+    step_limited: bool
+    zero_std: tuple[float, ...]
+    drift_std: tuple[float, ...]
+    ambient_std: float
+    unpowered_side: int
+    bench: str
+    level: float
+    zero_range: tuple[float, float]
+    starts: int
     initial_state: Run | None = None
-    zero_std: tuple[float, ...] = ()
-    drift_std: tuple[float, ...] = ()
-    ambient_std: float = 0.0
-    unpowered_side: int = 0
-    bench: str = ''
-    level: float = nan
-    zero_range: tuple[float, float] = (-ZERO_LIMIT, ZERO_LIMIT)
-    starts: int = 0
     leeway: Leeway | None = None
     correction: NDArray[np.float64] | None = None
     floor_shares: tuple[float, ...] = ()
@@ -100,7 +100,7 @@ class FitData:
 
     def on_bench(self, config: Config) -> Config:
         """The configuration on the bench of this recording."""
-        return config.on_bench(self.bench) if self.bench else config
+        return config.on_bench(self.bench)
 
 
 @dataclass(frozen=True)
