@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from test_recordings_in_fits import module_run, problem_of
 
-from sma_sim import Config
+from sma_sim import Config, Dataset, Recording, module_input
 from sma_sim.evidence.estimation import calibrate as calibration
 from sma_sim.evidence.estimation import held_out_prediction
 from sma_sim.evidence.estimation.calibrate import FitOptions, StartingPoint
@@ -149,9 +149,10 @@ def test_each_start_is_minimised_and_others_are_said_beside_the_best(monkeypatch
     monkeypatch.setattr(calibration, 'minimize', minimized)
     monkeypatch.setattr(calibration, 'continued_fit', continued)
     monkeypatch.setattr(calibration, 'overdispersion', lambda *_: 2.0)
-    recordings = tuple(SimpleNamespace(time=np.arange(10.0)) for _ in range(10))
+    rest = module_input([0.0, 9.0], [0.0, 0.0])
+    recordings = tuple(Recording(f'run{k}', 'module', np.arange(10.0), {}, rest) for k in range(10))
     context = SearchContext(None, Event())
-    found = calibration.multistart_search(start_of(SimpleNamespace(recordings=recordings)), FitOptions(starts=3), context)
+    found = calibration.multistart_search(start_of(Dataset(recordings)), FitOptions(starts=3), context)
     assert sorted(made[:3], key=lambda one: one[2]) == [
         (8, FROM_PRIORS.damping, 0.0),
         (8, WEAKLY_DAMPED.damping, 0.1),
