@@ -15,7 +15,7 @@ from sma_sim.solver import smoothed_input
 from sma_sim.solver.inputs import input_between, segments
 from sma_sim.solver.sensitivities import Neighbour, simulate_with_tangents
 from sma_sim.solver.simulate import new_run, new_work
-from sma_sim.solver.smoothed_input import TEMPERATURE_SCALE, heating_of_wires, passes_lines, smoothed
+from sma_sim.solver.smoothed_input import TEMPERATURE_SCALE, Leeway, heating_of_wires, passes_lines, smoothed
 
 DURATION, DELTA = 20.0, 1e-6
 ROWS = 50 * DURATION
@@ -216,3 +216,12 @@ def test_every_effect_is_asked_whether_it_passes_lines(system):
         one = found.on(structure)
         active = ActiveEffect(one, tuple(p.default for p in one.effect.parameters))
         assert passes_lines([active], structure, wire_constants(structure.default_values), 1.0) in (True, False)
+
+
+def test_an_ambient_temperature_may_be_ahead_for_as_long_as_a_wire_takes_to_follow():
+    """A room that is off by E [K s] brings lambda A E: what a wire holds in so many kelvin; any E where none is lost."""
+    wire = wire_constants(make_model().config.parameters)
+    held = 0.3 * wire.rho * wire.volume * wire.c_V
+    leeway, closed = Leeway.of(wire, 0.3), Leeway.of(wire._replace(lambda_=0.0), 0.3)
+    assert leeway.heat == pytest.approx(wire.n * held) and closed.heat == leeway.heat and closed.ambient == np.inf
+    assert wire.lambda_ * wire.surface * leeway.ambient == pytest.approx(held)

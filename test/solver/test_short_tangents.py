@@ -85,17 +85,25 @@ def test_a_sample_at_a_row_has_the_slopes_after_it_whichever_samples_come_before
     assert (alone == after_others).all() and alone == pytest.approx(after, rel=1e-2)
 
 
+def with_clock(rate):
+    """A wire seen by a clock that gains so many seconds in one."""
+    return Config(configuration('hybrid').parameters, 'wire', 'hybrid', (active('clock_skew', rate=rate),))
+
+
 def test_a_clock_that_gains_is_counted_from_the_beginning_of_the_run():
     """What it shows at t was seen at (1 - rate) t."""
-    plain, channels = configuration('hybrid'), ('stress', 'T')
-    skewed = Config(plain.parameters, 'wire', 'hybrid', (active('clock_skew', rate=0.2),))
-    source, times = replace(RAMP, times=RAMP.times + 5.0), np.linspace(0.0, 0.2, 9)
-    model = Model(skewed)
+    channels, times, source = ('stress', 'T'), np.linspace(0.0, 0.2, 9), replace(RAMP, times=RAMP.times + 5.0)
+    model = Model(with_clock(0.2))
     start = new_run(model, source.values[0], new_work(model))
-    found = simulate_with_tangents(model, source, 5.0 + times, start, channels, (Neighbour(),))
-    seen = run_at(plain, RAMP, 0.8 * times, channels)
-    for column, values in seen.columns.items():
-        assert found.trajectory[column] == pytest.approx(values, rel=1e-4)
+    faster = Neighbour(model=Model(with_clock(0.2 + DELTA)))
+    found = simulate_with_tangents(model, source, 5.0 + times, start, channels, (faster,))
+    for c, column in enumerate(('stress_Pa', 'T_K')):
+        seen, later, earlier = (
+            run_at(configuration('hybrid'), RAMP, (0.8 + by) * times, channels)[column] for by in (0.0, -1e-4, 1e-4)
+        )
+        assert found.trajectory[column] == pytest.approx(seen, rel=1e-4)
+        by_rate = (later - earlier) / 2e-4
+        assert np.median(np.abs(found.tangents[0, c] - by_rate)) < 1e-3 * np.abs(by_rate).max() > 0.0
 
 
 def test_shifts_of_rows_are_derivatives_of_their_times():
