@@ -106,6 +106,25 @@ def test_noise_that_differs_from_row_to_row(tmp_path, size, entry):
         assert not dataset_of(paths, entry).recordings[0].sample_std
 
 
+def test_the_temperature_of_a_specimen_adds_to_the_noise_of_rows(tmp_path):
+    """As to one of a whole channel: a thermometer is no better where the noise of strain is known by row."""
+    T = np.concatenate([np.linspace(420.0, 300.0, 200), np.linspace(300.0, 420.0, 200)])
+    strain = 0.04 / (1.0 + np.exp((T - 360.0) / 3.0)) + 1e-5 * np.random.default_rng(0).normal(size=len(T))
+    rows = np.column_stack([2.0 * np.arange(len(T)), T, strain, np.where(T > 400.0, 3e-4, 1e-5)])
+    np.savetxt(tmp_path / 'one.csv', rows, delimiter=',', header='time_s,T_K,e,e_std', comments='')
+    found = []
+    for entry in ('e', '{column: e, std: e_std}', '{column: e, std: e_std, relative_std: 0.01}'):
+        (tmp_path / 'map.yaml').write_text(f'system: wire\nstress_Pa: {{value: 2.0e+8}}\nstrain: {entry}\n')
+        (one,) = read_dataset([tmp_path / 'one.csv'], 'wire_under_load_at_T', 298.0, tmp_path / 'map.yaml').recordings
+        found.append(one.sample_std.get('strain'))
+    none, of_rows, relative = found
+    slope = 0.04 / 3.0 / 4.0  # [1/K] at the steepest
+    added = of_rows[T < 400.0].min()
+    assert none is None and 0.1 < added / (0.5 * slope) < 0.7
+    assert of_rows[T > 400.0] == pytest.approx(np.hypot(3e-4, added), rel=1e-3)
+    assert relative == pytest.approx(np.hypot(of_rows, 0.01 * np.abs(strain)), rel=1e-3)
+
+
 def test_noise_of_rows_that_is_none(tmp_path):
     paths = with_noise_of_rows(heated(tmp_path), lambda t, T: 0.0 * t)
     with pytest.raises(UserError, match='T_std: expected standard deviations above 0, or empty cells, got -0.05'):

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from math import sqrt
+from math import hypot, sqrt
 from pathlib import Path
 
 import numpy as np
@@ -105,6 +105,8 @@ def read_dataset(
     recordings = with_distinct_names(found)
     stated = noise_from_folders([path for path, _ in files], channels, notes) | given
     recordings = tuple(map(partial(without_sample_noise, channels=given), recordings))
+    for name in RESPONDING:
+        recordings = with_temperature_in_rows(name, recordings)
     noise = dataset_noise(recordings, stated, notes)
     return without_repeated_values(with_bench(Dataset(recordings, noise, tuple(notes)), columns.of_bench()))
 
@@ -274,16 +276,35 @@ def dataset_noise(recordings: Sequence[Recording], given: Mapping[str, float], n
 
 def with_temperature_error(channel: str, noise: float, recordings: Sequence[Recording], notes: list[str]) -> float:
     """The noise of a channel, and what a specimen's temperature, known so well, adds where the channel is steep."""
-    drive = known_structures()[recordings[0].system].imposed_temperature
-    found = [error_by_temperature(recording, channel, drive) for recording in recordings]
-    errors = [error for error in found if error is not None]
-    if not errors:
+    error = error_through_temperature(channel, recordings)
+    if not error:
         return noise
-    total = sqrt(noise**2 + sum(error**2 for error in errors) / len(errors))
+    total = hypot(noise, error)
     words = f'noise of {channel}: {in_display_unit(channel, total)} with a temperature of the specimen that is known to'
     known = sqrt(sum(temperature_error(recording) ** 2 for recording in recordings) / len(recordings))
     notes.append(f'{words} {known:.2g} K')
     return total
+
+
+def with_temperature_in_rows(channel: str, recordings: tuple[Recording, ...]) -> tuple[Recording, ...]:
+    """The recordings, with what the temperature of a specimen adds where the noise of each row of a channel is stated."""
+    stated = [one for one in recordings if known_structures()[one.system].is_quasi_static and channel in one.sample_std]
+    error = error_through_temperature(channel, stated)
+    return tuple(
+        replace(one, sample_std={**one.sample_std, channel: np.hypot(one.sample_std[channel], error)})
+        if any(one is other for other in stated)
+        else one
+        for one in recordings
+    )
+
+
+def error_through_temperature(channel: str, recordings: Sequence[Recording]) -> float:
+    """What the temperature of a specimen adds to the noise of a channel of quasi-static tests, root mean square; 0 where none
+    of them goes both ways."""
+    drives = (known_structures()[recording.system].imposed_temperature for recording in recordings)
+    found = [error_by_temperature(recording, channel, drive) for recording, drive in zip(recordings, drives, strict=True)]
+    errors = [error for error in found if error is not None]
+    return sqrt(sum(error**2 for error in errors) / max(len(errors), 1))
 
 
 def value_range(values: Vector) -> float:
