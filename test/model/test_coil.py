@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from sma_sim import Config, Input, Model, default_parameters, simulate
+from sma_sim import Config, Dataset, FitOptions, Input, Model, Recording, calibrate, default_parameters, simulate
 from sma_sim.model.material import latent_heat, sigma_A, sigma_M
 from sma_sim.model.parameters import wire_constants
 from sma_sim.model.structures.coil import STRUCTURE, strain
@@ -175,3 +175,26 @@ def test_parallel_coils_share_the_load():
         assert two['stroke_m'] == pytest.approx(one['stroke_m'], abs=1e-6)
         assert two['F_N'] == pytest.approx(2.0 * one['F_N'], rel=1e-4)
     assert default_parameters('coil')['wire.n'] == 1.0
+
+
+def test_a_coil_in_still_air_is_fitted_from_the_values_of_a_bundle():
+    """Heat transfer a fifteenth of the default, which is that of another robot."""
+    start, random, heat_transfer = Config(WEIGHT, 'coil'), np.random.default_rng(0), 30.0
+    truth = start.variant({'wire.lambda': heat_transfer, 'wire.c_V': 600.0})
+    surface = 2.0 * math.pi * start.parameters['wire.r0'] * start.parameters['wire.l0']
+    rise = np.array([0.0, 90.0, 0.0, 60.0, 0.0, 0.0])  # [K] to which the wire is heated above the room
+    columns = np.column_stack([rise * heat_transfer * surface, np.full(6, 298.0)])
+    model, times = Model(truth), np.array([0.0, 4.0, 44.0, 90.0, 130.0, 170.0])
+    run = simulate(model, Input(times, columns, (False, False), model.structure.input_columns), 4.0)
+    noise = {'stroke': 2e-4, 'T': 0.3}
+    shown = {
+        name: run[column] + noise[name] * random.normal(size=len(run.time))
+        for name, column in (('stroke', 'stroke_m'), ('T', 'T_K'))
+    }
+    recording = Recording(
+        'run', 'coil', run.time, shown, Input(times, columns, (False, False), model.structure.input_columns)
+    )
+    found = calibrate(Dataset(recording, noise), start, FitOptions(kinetics='hybrid'))
+    assert found.error == pytest.approx(1.0, abs=0.05) and not found.limits
+    assert found.values['wire.lambda'] == pytest.approx(heat_transfer, rel=0.01)
+    assert found.intervals['wire.c_V'].low < 600.0 < found.intervals['wire.c_V'].high

@@ -287,7 +287,7 @@ def with_temperature_error(channel: str, noise: float, recordings: Sequence[Reco
 
 
 def with_temperature_in_rows(channel: str, recordings: tuple[Recording, ...]) -> tuple[Recording, ...]:
-    """The recordings, with what the temperature of a specimen adds where the noise of each row of a channel is stated."""
+    """The recordings, with what the temperature of a specimen adds where the noise of each row is stated."""
     stated = [one for one in recordings if known_structures()[one.system].is_quasi_static and channel in one.sample_std]
     error = error_through_temperature(channel, stated)
     return tuple(
@@ -299,8 +299,10 @@ def with_temperature_in_rows(channel: str, recordings: tuple[Recording, ...]) ->
 
 
 def error_through_temperature(channel: str, recordings: Sequence[Recording]) -> float:
-    """What the temperature of a specimen adds to the noise of a channel of quasi-static tests, root mean square; 0 where none
-    of them goes both ways."""
+    """What the temperature of a specimen adds to the noise of a channel of quasi-static tests, root mean square.
+
+    0 where it is not known, since none of them goes both ways.
+    """
     drives = (known_structures()[recording.system].imposed_temperature for recording in recordings)
     found = [error_by_temperature(recording, channel, drive) for recording, drive in zip(recordings, drives, strict=True)]
     errors = [error for error in found if error is not None]
