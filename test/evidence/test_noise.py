@@ -135,6 +135,10 @@ def test_invisible_and_unknown_noise(tmp_path):
     assert dataset.noise_std['alpha'] == pytest.approx(1e-4 * span, rel=1e-6)
     assert dataset.noise_std['F_2'] == 0.01
     assert any('F_2: 0.01 N assumed' in note for note in dataset.notes)
+    assert 'F_2' not in dataset.channels  # how far its only value is from the force nobody knows
+    assert any('F_2 never changes and is left out' in note for note in dataset.notes)
+    stated = read_dataset([tmp_path / 'run.csv'], 'module', 298.0, noise_std={'F_2': 0.02})
+    assert 'F_2' in stated.channels and not any('never changes' in note for note in stated.notes)
 
 
 @pytest.mark.skipif(not MEASURED.is_dir(), reason='no measured data here')

@@ -231,6 +231,8 @@ class Dataset(Shown, Saved, Comparable):
         By channel, what repeated experiments differ by, which `noise_std` contains; empty where it is not known.
     nuisances : mapping
         By effect that belongs to the bench, the standard deviations of the priors of its parameters (SI).
+    resolution : mapping
+        By channel of which rows that repeat a value were left out, the step of its numbers (SI), which is its noise.
     """
 
     recordings: tuple[Recording, ...]
@@ -238,6 +240,7 @@ class Dataset(Shown, Saved, Comparable):
     notes: tuple[str, ...] = ()
     floor: Mapping[str, float] = field(default_factory=dict)
     nuisances: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    resolution: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         expect('recordings', self.recordings, Recording | Collection[Recording])

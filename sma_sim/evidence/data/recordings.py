@@ -18,7 +18,7 @@ from sma_sim.evidence.data.noise import noise_by_channel
 from sma_sim.evidence.data.quasi_static import error_by_temperature, temperature_error
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, CHANNELS_OF, Dataset, Recording, Vector, in_order
 from sma_sim.evidence.data.repeatability import with_bench
-from sma_sim.evidence.data.repeated_values import without_repeated_values
+from sma_sim.evidence.data.repeated_values import without_constant_channels, without_repeated_values
 from sma_sim.evidence.data.rosbag.bag_files import is_bag
 from sma_sim.evidence.data.rosbag.commands import NODE_LIMITS, CommandLimits
 from sma_sim.evidence.data.sources import COLUMNS_BY_SYSTEM, checked_noise, read_noise_file, read_source, recordings_in
@@ -108,7 +108,8 @@ def read_dataset(
     for name in RESPONDING:
         recordings = with_temperature_in_rows(name, recordings)
     noise = dataset_noise(recordings, stated, notes)
-    return without_repeated_values(with_bench(Dataset(recordings, noise, tuple(notes)), columns.of_bench()))
+    dataset = without_constant_channels(Dataset(recordings, noise, tuple(notes)), stated)
+    return without_repeated_values(with_bench(dataset, columns.of_bench()))
 
 
 def read_recording(path: Path, system: str, T_E: float, mapping: Path | None = None) -> tuple[Recording, ...]:

@@ -6,7 +6,7 @@ value tell what one row tells. Where noise is larger than the resolution, it mak
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -43,6 +43,26 @@ def without_repeated_values(dataset: Dataset) -> Dataset:
         for left in (samples(recordings, name),)
         if left < samples(dataset.recordings, name)
     ]
+    coarse = {name: one.step for name, one in repeating.items() if not one.held}
+    return replace(dataset, recordings=recordings, notes=(*dataset.notes, *notes), resolution=coarse)
+
+
+def without_constant_channels(dataset: Dataset, stated: Collection[str]) -> Dataset:
+    """The dataset without channels that never change, unless their noise is `stated`, with a note: how far they are from
+    what they show nobody knows. All stay where none changes."""
+    values = dict[str, list[Vector]]()
+    for recording in dataset.recordings:
+        for name, shown in recording.channels.items():
+            values.setdefault(name, []).append(np.asarray(shown)[np.isfinite(shown)])
+    spans = {name: float(np.ptp(np.concatenate(parts))) for name, parts in values.items() if sum(map(len, parts)) > 1}
+    still = [name for name, span in spans.items() if span == 0.0 and name not in stated]
+    if not still or len(still) == len(values):
+        return dataset
+    recordings = tuple(
+        replace(one, channels={name: shown for name, shown in one.channels.items() if name not in still})
+        for one in dataset.recordings
+    )
+    notes = [f'{name} never changes and is left out: say its noise if it is a measurement' for name in still]
     return replace(dataset, recordings=recordings, notes=(*dataset.notes, *notes))
 
 

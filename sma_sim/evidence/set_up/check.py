@@ -578,8 +578,8 @@ def wrong_noise(problem: Problem, residuals: Sequence[Rows], dataset: Dataset, i
     """The channels whose noise is stated too small, or too large, where differences of all orders agree on it.
 
     Too small: the samples themselves scatter as much, not only what a model leaves of them. Too large: a fit (`is_fitted`)
-    leaves as little; a noise that is slow may hide from differences. Not where repeated experiments say what noise is, nor
-    where none is visible.
+    leaves as little; a noise that is slow may hide from differences. Not where a resolution or repeated experiments say what
+    noise is, nor where none is visible.
     """
     if dataset.floor or problem.config.structure.structure.is_quasi_static:
         return []
@@ -587,6 +587,8 @@ def wrong_noise(problem: Problem, residuals: Sequence[Rows], dataset: Dataset, i
     raw = scales(problem, [run.measured * run.weight for run in problem.runs], ORDERS[0])
     sizes = dict[str, tuple[float, int]]()
     for name, (_, count) in by_order[0].items():
+        if name in dataset.resolution:
+            continue
         found = [scale[name][0] for scale in by_order if name in scale]
         least = float(np.exp(sqrt(2.0 * SCATTER * (WINDOW + SPARSITY) / count)))
         limit = max(CRITERIA.noise_only, least)
