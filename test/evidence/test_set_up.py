@@ -239,6 +239,7 @@ def test_a_noise_that_is_stated_too_small_is_found(runs, with_gravity):
     (fault,) = faults_in(one)
     assert fault.quantities == ('alpha',) and fault.factor == pytest.approx(3.0, rel=0.15)
     assert fault.words == f'the noise of alpha is stated {fault.factor:.2g} times too small'
+    assert not faults_in(replace(one, resolution={'alpha': 0.1}))  # rows are far apart there: motion looks like noise
 
 
 def with_outliers(found, size, part=0.01, channel='alpha'):
