@@ -128,6 +128,15 @@ def test_folders_that_differ(tmp_path):
     assert [recording.name for recording in dataset.recordings] == ['a/run', 'b/run']
 
 
+@pytest.mark.parametrize(('noise', 'expected'), [(0.02, 0.29), (0.3, 0.42)])
+def test_noise_below_a_coarse_resolution_shows_where_the_signal_moves_fast(noise, expected):
+    """In steps of the resolution: rounding alone, 1/sqrt(12), or with noise that rests hide."""
+    time = np.arange(0.0, 100.0, 0.05)
+    signal = np.where(time % 20.0 < 10.0, 60.0 * np.sin(0.6 * (time % 10.0)), 0.2)
+    found = estimate_noise(time, np.round(signal + noise * np.random.default_rng(3).normal(size=len(time))))
+    assert found.step == 1.0 and found.quantised and found.std == pytest.approx(expected, rel=0.15)
+
+
 def test_invisible_and_unknown_noise(tmp_path):
     columns = module_columns(noise=False) | {'F_2_N': np.full(600, 7.0)}
     dataset = read_dataset([write_recording(tmp_path / 'run.csv', columns)], 'module', 298.0)

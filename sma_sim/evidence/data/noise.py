@@ -26,6 +26,7 @@ MIN_NOISE_SAMPLES = 20  # fewer give no useful standard deviation
 NOISE_BLOCK_LENGTH, NOISE_BLOCKS = 20_000, 10  # of a longer record only so many stretches of so many samples are used
 HELD_FRACTION = 0.3  # more equal neighbours than this: held samples or a coarse step
 COMMON_FRACTION = 0.98  # of the samples show the resolution
+FAST_STEPS = 2.0  # of the resolution between neighbours, in which the error of rounding is another one each time
 COARSE_STEPS = 0.5  # below this many steps of the resolution the differences do not see the noise
 
 
@@ -66,9 +67,20 @@ def estimate_noise(time: Vector, values: Vector) -> Noise | None:
     rough = difference_scale(time, values)
     if rough is None:
         return None
-    rounding = step / sqrt(12.0)
-    std = rough if rough > COARSE_STEPS * step else max(rough, rounding)
+    std = rough if rough > COARSE_STEPS * step else max(rough, noise_of_coarse(values, step))
     return Noise(std, step, len(values), held)
+
+
+def noise_of_coarse(values: Vector, step: float) -> float:
+    """The noise of numbers (k,) with a coarse resolution: their rounding error; where they pass through several steps between
+    neighbours, so that this is white, what differences see of both, no more than what they would see everywhere."""
+    rounding, fast = step / sqrt(12.0), np.abs(np.diff(values)) >= FAST_STEPS * step
+    passing = np.convolve(fast, np.ones(DIFFERENCE_ORDER), 'valid') > DIFFERENCE_ORDER - 0.5
+    sizes = np.abs(np.diff(values, n=DIFFERENCE_ORDER))[passing]
+    if len(sizes) < MIN_NOISE_SAMPLES:
+        return rounding
+    seen = scale_of_smaller(sizes) / sqrt(comb(2 * DIFFERENCE_ORDER, DIFFERENCE_ORDER))
+    return min(max(seen, rounding), COARSE_STEPS * step)
 
 
 def representative(time: Vector, values: Vector) -> tuple[Vector, Vector]:
