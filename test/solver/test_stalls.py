@@ -45,7 +45,7 @@ def test_height_of_the_hysteresis_falls_smoothly_to_its_limit():
 
 
 def test_a_stalled_run_stops_and_says_why():
-    run = simulate(Model(Config(kinetics='mas').variant({'wire.dsigma': 1e2})), HELD, 10.0)
+    run = simulate(Model(Config(kinetics='mas').variant({'wire.dsigma': 10.0})), HELD, 10.0)
     assert not run.completed and run.steps <= 5 * WINDOW
     for words in ('stalled', 'the hysteresis of wire 1 is only', 'check wire.dsigma', 'hybrid model'):
         assert words in run.reason
