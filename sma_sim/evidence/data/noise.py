@@ -72,8 +72,8 @@ def estimate_noise(time: Vector, values: Vector) -> Noise | None:
 
 
 def noise_of_coarse(values: Vector, step: float) -> float:
-    """The noise of numbers (k,) with a coarse resolution: their rounding error; where they pass through several steps between
-    neighbours, so that this is white, what differences see of both, no more than what they would see everywhere."""
+    """The noise of numbers (k,) with a coarse resolution: their rounding error; where they pass through several steps to the
+    next one, so that this is white, what differences see of both, no more than what they would see everywhere."""
     rounding, fast = step / sqrt(12.0), np.abs(np.diff(values)) >= FAST_STEPS * step
     passing = np.convolve(fast, np.ones(DIFFERENCE_ORDER), 'valid') > DIFFERENCE_ORDER - 0.5
     sizes = np.abs(np.diff(values, n=DIFFERENCE_ORDER))[passing]
