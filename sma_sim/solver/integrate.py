@@ -349,6 +349,7 @@ def accepted_step(t: float, h: float, run: Run, segment: Segment, p: System, w: 
     (1994) 496): over a front it falls with the step and not with its fourth power, and six trials would be made for two.
     """
     longer, larger, is_front = 0.0, 0.0, False  # the trial before, and its error
+    has_fronts = p.mas and p.imposed_T < 0  # hybrid ones are jumps, and where temperature is imposed all is slow
     while True:
         if run.count[N_STEPS] >= limits.max_steps:
             return STEP_LIMIT, h
@@ -360,13 +361,13 @@ def accepted_step(t: float, h: float, run: Run, segment: Segment, p: System, w: 
         error = rosenbrock_step(Step(t, step), run.state, segment, p, w)
         run.count[N_STEPS] += 1
         order = float(ORDER)
-        if error > 1.0 and larger > 1.0 and np.isfinite(error) and np.isfinite(larger):
+        if has_fronts and error > 1.0 and larger > 1.0 and np.isfinite(error) and np.isfinite(larger):
             order = min(max(np.log(larger / error) / np.log(longer / step), 1.0), order)
             is_front = is_front or order < OF_FRONT
         longer, larger = step, error
         factor = min(MAX_GROWTH[int(p.mas)], max(0.15, 0.9 * max(error, 1e-10) ** (-1.0 / order)))
         if error <= 1.0:
-            if is_front and p.mas:
+            if is_front:
                 factor = max(factor, AFTER_FRONT)
             run.control[C_H] = max(run.control[C_H], step * factor) if step < h else step * factor
             return COMPLETED, step

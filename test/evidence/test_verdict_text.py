@@ -27,7 +27,7 @@ def interval(name, value, low, high):
 
 
 CALIBRATION = SimpleNamespace(
-    config=SimpleNamespace(effects=()),
+    config=SimpleNamespace(effects=(), system='module'),
     runs=(),
     values={name: numbers[0] for name, numbers in KNOWN.items()},
     implausible=(),

@@ -29,7 +29,6 @@ MAX_COMPONENTS = 3  # of a model: it bounds the time of a search, and recordings
 PARENTS = 3  # models of a level that are extended
 EQUATIONS_AFTER = 2  # components: one listed effect that leaves nothing needs no equation, two may imitate a single one
 EXCHANGE_SHARE = 0.5  # of what that one promises, which they must: to first order neither is exact
-SINGLE_SHARE = 0.8  # of what several effects explain to the noise, which one equation must promise that is to do it alone
 DIFFERENCES = 2  # between recordings that are fitted beside a model, without a sketch: their promises are nearly exact
 SKETCHED_TERMS = 2 * SKETCHED  # of equations: of ten times as many as there are effects, neighbours are alike
 FORMS = 3  # of the laws of a model that are fitted
@@ -168,19 +167,16 @@ def add_equations(base: Model, book: Book, context: SearchContext) -> None:
     has led, as long as they explain more; then a second one at its place where the best model lacks something; then listed
     effects in place of what was found: an equation may have led to where one of them lies."""
     leads, lead = list[Model](), None
-    share = SINGLE_SHARE if book.best.leaves_nothing else 0.0
     for _ in range(1 + ROUNDS):
         if context.stop.is_set():
             return
         beside = f'beside {words(base)}' if lead is None else f'in place of {lead.components[-1].name}'
         context.on_progress(f'fitting the terms of an equation at every port {beside}')
-        proposals = components_of(propose.terms(base.fit, context, share=share))
+        proposals = components_of(propose.terms(base.fit, context))
         leads += add_extended(base, proposals, book, context, restarts=lead is None)
         before, lead = lead, best_of(leads, book)
         if lead is None or (lead.leaves_nothing and lead is book.best) or (before and lead.names == before.names):
             break
-        if explained(lead, book) < share * explained(book.best, book):
-            return
         base = stripped(lead, lead.components[-1:])
     if lead is not None and not lead.leaves_nothing and book.best.lacks_unlisted and not context.stop.is_set():
         add_extended(lead, components_of(propose.terms(lead.fit, context, lead.components[-1])), book, context)
@@ -188,11 +184,6 @@ def add_equations(base: Model, book: Book, context: SearchContext) -> None:
     for component in best.components:
         if component.is_formula:
             exchange(best, component, book, context)
-
-
-def explained(model: Model, book: Book) -> float:
-    """By how much the cost of a model is below that of the nominal one."""
-    return book.ranked(0)[0].fit.cost - model.fit.cost
 
 
 def best_of(models: Sequence[Model], book: Book) -> Model | None:

@@ -21,7 +21,7 @@ from sma_sim.evidence.search.components import Catalogue, Component, difference_
 from sma_sim.evidence.search.refine import Model
 from sma_sim.evidence.symbolic_regression.formula import Formula
 from sma_sim.evidence.symbolic_regression.term_candidates import as_candidate
-from sma_sim.evidence.symbolic_regression.term_fits import LinearizedFit, fit_all_terms
+from sma_sim.evidence.symbolic_regression.term_fits import terms_at
 from sma_sim.solver.simulate import SimulationError
 
 MARGIN = 3.0  # nats by which a fit may gain more than the first order promises: it moves shapes too
@@ -74,21 +74,15 @@ def differing(base: FitResult, taken: Collection[str], context: SearchContext) -
     )
 
 
-def terms(base: FitResult, context: SearchContext, first: Component | None = None, share: float = 0.0) -> list[Proposal]:
-    """Terms of an equation at every place, or second ones where a `first` is; none where a model cannot be linearised.
-
-    Each explains at least a `share` of what a model leaves beyond noise.
-    """
+def terms(base: FitResult, context: SearchContext, first: Component | None = None) -> list[Proposal]:
+    """Terms of an equation at every place, or second ones where a `first` is; none where a model cannot be linearised."""
     structure = base.problem.config.structure
     known = None if first is None else first.term
     try:
         k = overdispersion(base.problem, base.z, context.pool)
-        linearized = LinearizedFit(base.problem.weighted(1.0 / k), base.z, context.pool)
-        fits = fit_all_terms(linearized, context.stop, (known.location.hook,) if known else ())
+        fits = terms_at(base, k, context, (known.location.hook,) if known else ())
     except SimulationError:
         return []
-    left = float(linearized.projected_residuals @ linearized.projected_residuals) - base.problem.samples / k**2
-    fits = [fit for fit in fits if fit.error_reduction >= share * left]
     if known is not None:
         fits = [fit for fit in fits if fit.location == known.location and fit.term != known.term]
     places, proposals = len({fit.location.name for fit in fits}), list[Proposal]()

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.executors import PickledConfig, run_in_threads
+from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.problem import (
     EvaluationTask,
     LinearizedRun,
@@ -27,7 +28,7 @@ from sma_sim.evidence.estimation.problem import (
     measured_steps,
     near,
 )
-from sma_sim.evidence.estimation.search_context import Stop
+from sma_sim.evidence.estimation.search_context import SearchContext, Stop
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.score_tests import Projection
@@ -247,6 +248,13 @@ def location_groups(locations: Sequence[Location]) -> list[LocationGroup]:
     ]
     grouped = {location.name for group in groups for location in group.members}
     return [*(LocationGroup((location,)) for location in locations if location.name not in grouped), *groups]
+
+
+def terms_at(fit: FitResult, overdispersion: float, context: SearchContext, hooks: Collection[str] = ()) -> list[TermFit]:
+    """All terms (of these ports) on a model where it lies, the largest error reduction first: of squares over those that an
+    overdispersion lets count. Raises SimulationError."""
+    linearized = LinearizedFit(fit.problem.weighted(1.0 / overdispersion), fit.z, context.pool)
+    return fit_all_terms(linearized, context.stop, hooks)
 
 
 def fit_all_terms(linearized: LinearizedFit, stop: Stop, hooks: Collection[str] = ()) -> list[TermFit]:
