@@ -70,7 +70,7 @@ def tried(monkeypatch, errors, h, end=1.0, mas=False, limits=FREE):
 
     monkeypatch.setattr(integration, 'rosenbrock_step', step_with_error)
     segment = Segment(0.0, end, np.zeros(2), np.zeros(2), False)
-    found = accepted_step(0.0, h, run, segment, SimpleNamespace(mas=mas, coordinates=0), None, limits)
+    found = accepted_step(0.0, h, run, segment, SimpleNamespace(mas=mas, imposed_T=-1, coordinates=0), None, limits)
     return lengths, found, run
 
 
@@ -93,13 +93,17 @@ def test_the_next_step_is_made_from_the_error(monkeypatch):
     lengths, (status, made), run = tried(monkeypatch, [16.0, 1e9, 1.0], 0.1)
     assert lengths == pytest.approx([0.1, 0.045, 0.15 * 0.045]) and (status, made) == (COMPLETED, lengths[-1])
     assert run.count[N_STEPS] == 3 and run.count[N_REJECTED] == 2
+    lengths, _, run = tried(monkeypatch, [16.0, 4.0, 1.0], 0.1, mas=True)  # falls with the second power, as over a front
+    order = np.log(4.0) / np.log(1.0 / 0.45)
+    assert lengths == pytest.approx([0.1, 0.045, 0.9 * 4.0 ** (-1.0 / order) * 0.045])
+    assert run.control[C_H] == pytest.approx(5.0 * lengths[-1])
     run = new_state()
     run.control[C_H] = 0.7
     monkeypatch.setattr(integration, 'rosenbrock_step', lambda *_: 1.0)
     segment = Segment(0.0, 0.2, np.zeros(2), np.zeros(2), False)
-    accepted_step(0.0, 0.7, run, segment, SimpleNamespace(mas=False, coordinates=0), None, FREE)
+    accepted_step(0.0, 0.7, run, segment, SimpleNamespace(mas=False, imposed_T=-1, coordinates=0), None, FREE)
     assert run.control[C_H] == 0.7  # though 0.2 were made
-    accepted_step(0.0, 0.1, run, segment, SimpleNamespace(mas=False, coordinates=0), None, FREE)
+    accepted_step(0.0, 0.1, run, segment, SimpleNamespace(mas=False, imposed_T=-1, coordinates=0), None, FREE)
     assert run.control[C_H] == pytest.approx(0.09)
 
 
