@@ -210,8 +210,7 @@ def expand(parent: Model, book: Book, context: SearchContext) -> None:
     """Add to the book what a model may lack one of, fitted; what a score test passes over where that leaves something."""
     taken = {component.plain_name for component in parent.components}
     context.on_progress(f'what {words(parent)} may lack')
-    margin = 0.0 if parent.leaves_nothing else propose.MARGIN  # no valley lies deeper, so that a promise is nearly exact
-    proposals = propose.listed(parent.fit, book.catalogue, taken, context, margin)[:SKETCHED]
+    proposals = propose.listed(parent.fit, book.catalogue, taken, context)[:SKETCHED]
     more = propose.differing(parent.fit, parent.names, context) if not parent.leaves_nothing else []
     first = [one.component for one in (*proposals, *more[:DIFFERENCES])]
     found = add_extended(parent, first, book, context)

@@ -36,9 +36,7 @@ class Proposal:
     promise: float
 
 
-def listed(
-    base: FitResult, catalogue: Catalogue, taken: Collection[str], context: SearchContext, margin: float = MARGIN
-) -> list[Proposal]:
+def listed(base: FitResult, catalogue: Catalogue, taken: Collection[str], context: SearchContext) -> list[Proposal]:
     """Effects and their scopes by what they promise beside a fit, those of effects `taken` left out; none where the model
     cannot be linearised."""
     candidates = [one for one in catalogue.candidates if one.found.effect.plain_name not in taken]
@@ -47,9 +45,8 @@ def listed(
     except SimulationError:
         return []
     return promising(
-        (Proposal(component, 0.5 * result.gain + component.log_prior)
-         for result in screened for component in (catalogue.component(result),)),
-        margin,
+        Proposal(component, 0.5 * result.gain + component.log_prior)
+        for result in screened for component in (catalogue.component(result),)
     )  # fmt: skip
 
 
@@ -115,6 +112,6 @@ def forms(model: Model, catalogue: Catalogue, context: SearchContext) -> list[tu
     return [(law, one.component) for law, one in sorted(found, key=lambda pair: -pair[1].promise) if one.promise > -MARGIN]
 
 
-def promising(proposals: Iterable[Proposal], margin: float = MARGIN) -> list[Proposal]:
+def promising(proposals: Iterable[Proposal]) -> list[Proposal]:
     """Those that promise about as much as they cost, or more, the best first."""
-    return sorted((one for one in proposals if one.promise > -margin), key=lambda one: -one.promise)
+    return sorted((one for one in proposals if one.promise > -MARGIN), key=lambda one: -one.promise)
