@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from sma_sim import Dataset, FitOptions, Recording, calibrate, read_config, read_dataset, wire_input
+from sma_sim.evidence.data.noise import noise_by_channel
 from sma_sim.evidence.data.repeated_values import without_repeated_values
 from sma_sim.evidence.estimation.residuals import fit_data
 
@@ -17,6 +18,10 @@ def slow_warming(seed=0):
     return time, 302.0 + 7.0 * (1.0 - np.exp(-time / 25.0)) + 0.02 * np.random.default_rng(seed).normal(size=len(time))
 
 
+def thinned(dataset):
+    return without_repeated_values(dataset, noise_by_channel(dataset.recordings))
+
+
 def dataset_of(time, T, noise=0.07):
     recording = Recording('a', 'wire', time, {'T': T}, WARMING)
     return Dataset((recording,), {'T': noise})
@@ -24,7 +29,7 @@ def dataset_of(time, T, noise=0.07):
 
 def test_of_a_coarse_resolution_the_middle_of_each_step_counts():
     time, T = slow_warming()
-    found = without_repeated_values(dataset_of(time, STEP * np.round(T / STEP)))
+    found = thinned(dataset_of(time, STEP * np.round(T / STEP)))
     (recording,) = found.recordings
     kept = np.isfinite(recording.channels['T'])
     assert 20 < kept.sum() < 400 and recording.time[0] == time[0] and recording.time[-1] == time[-1]
@@ -36,7 +41,7 @@ def test_of_a_coarse_resolution_the_middle_of_each_step_counts():
 def test_of_a_slow_sensor_each_reading_counts_when_it_is_new():
     time, T = slow_warming()
     read = np.arange(len(time)) // 7 * 7
-    (recording,) = without_repeated_values(dataset_of(time, T[read])).recordings
+    (recording,) = thinned(dataset_of(time, T[read])).recordings
     kept = np.isfinite(recording.channels['T'])
     assert np.array_equal(recording.time[kept], time[::7]) and np.array_equal(recording.channels['T'][kept], T[::7])
 
@@ -46,7 +51,7 @@ def test_noise_that_hides_the_resolution_keeps_every_row(noise):
     time, T = slow_warming()
     T = T + noise * np.random.default_rng(1).normal(size=len(T))
     given = dataset_of(time, STEP * np.round(T / STEP) if noise > STEP else T, noise)
-    assert without_repeated_values(given) == given
+    assert thinned(given) == given
 
 
 @pytest.mark.parametrize('phase', range(4))

@@ -16,6 +16,26 @@ from sma_sim.ros.messages import stamp_of  # noqa: E402
 from sma_sim.ros.robot_subscriptions import RobotSubscriptions, Sample  # noqa: E402
 
 
+def joint_states_to(node):
+    """A publisher of joint_states to a node that has subscribed to them, and the executor in which it hears them."""
+    publisher = node.create_publisher(JointState, 'joint_states', 10)
+    executor = rclpy.executors.SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    end = time.monotonic() + ros_client.REACTION
+    while publisher.get_subscription_count() == 0:
+        assert time.monotonic() < end
+        executor.spin_once(timeout_sec=0.05)
+    return publisher, executor
+
+
+def wait_for(intake, count, executor):
+    """Until so many samples wait to be taken."""
+    end = time.monotonic() + ros_client.REACTION
+    while intake.waiting < count:
+        assert time.monotonic() < end
+        executor.spin_once(timeout_sec=0.05)
+
+
 def test_stamps_of_commands_come_from_their_arrival_between_two_samples():
     """Also for those that come late: they take effect at once, and are counted."""
     with ros_client.listener(ros_client.any_domain()) as node:
@@ -53,20 +73,12 @@ def test_a_node_that_acts_takes_the_last_of_samples_that_are_late(max_delay, tak
     """A controller that answers every sample in turn, slower than they come, acts on a robot of long ago."""
     with ros_client.listener(ros_client.any_domain()) as node:
         intake = RobotSubscriptions(node, Config(), 0.0, **max_delay)
-        publisher = node.create_publisher(JointState, 'joint_states', 10)
-        executor = rclpy.executors.SingleThreadedExecutor(context=node.context)
-        executor.add_node(node)
-        end = time.monotonic() + ros_client.REACTION
-        while publisher.get_subscription_count() == 0:
-            assert time.monotonic() < end
-            executor.spin_once(timeout_sec=0.05)
+        publisher, executor = joint_states_to(node)
         for stamp in range(1, 6):
             message = JointState(name=['U_x', 'U_y', 'alpha'], position=[0.0, 0.0, 0.0])
             message.header.stamp = stamp_of(stamp)
             publisher.publish(message)
-        while intake.waiting < 5:
-            assert time.monotonic() < end
-            executor.spin_once(timeout_sec=0.05)
+        wait_for(intake, 5, executor)
         time.sleep(0.1)
         assert [sample.stamp for sample in intake.ready()] == taken
         assert intake.skipped() == {'samples skipped': 5 - len(taken)}
@@ -78,21 +90,13 @@ def test_the_time_of_a_node_that_acts_goes_on_where_the_clock_is_set(max_delay, 
     """The wires of a robot do not jump with its clock. The stamps stay what they are."""
     with ros_client.listener(ros_client.any_domain()) as node:
         intake = RobotSubscriptions(node, Config(), 0.0, **max_delay)
-        publisher = node.create_publisher(JointState, 'joint_states', 10)
-        executor = rclpy.executors.SingleThreadedExecutor(context=node.context)
-        executor.add_node(node)
-        end = time.monotonic() + ros_client.REACTION
-        while publisher.get_subscription_count() == 0:
-            assert time.monotonic() < end
-            executor.spin_once(timeout_sec=0.05)
+        publisher, executor = joint_states_to(node)
         stamps = [7.0, 7.01, 3.0, 3.01]
         for count, stamp in enumerate(stamps, 1):
             message = JointState(name=['U_x', 'U_y', 'alpha'], position=[0.0, 0.0, 0.0])
             message.header.stamp = stamp_of(round(1e9 * stamp))
             publisher.publish(message)
-            while intake.waiting < count:
-                assert time.monotonic() < end
-                executor.spin_once(timeout_sec=0.05)
+            wait_for(intake, count, executor)
         samples = list(intake.ready())
         assert [1e-9 * sample.stamp for sample in samples] == pytest.approx(stamps)
         # from the third on, by when it arrived

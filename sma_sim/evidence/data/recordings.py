@@ -14,7 +14,7 @@ import numpy as np
 from sma_sim.evidence.data.assemble import NothingMeasuredError, SourceFile, recordings_from_columns
 from sma_sim.evidence.data.column_map import ColumnMap, read_column_map
 from sma_sim.evidence.data.display_units import in_display_unit
-from sma_sim.evidence.data.noise import noise_by_channel
+from sma_sim.evidence.data.noise import Noise, noise_by_channel
 from sma_sim.evidence.data.quasi_static import error_by_temperature, temperature_error
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, CHANNELS_OF, Dataset, Recording, Vector, in_order
 from sma_sim.evidence.data.repeatability import with_bench
@@ -107,9 +107,10 @@ def read_dataset(
     recordings = tuple(map(partial(without_sample_noise, channels=given), recordings))
     for name in RESPONDING:
         recordings = with_temperature_in_rows(name, recordings)
-    noise = dataset_noise(recordings, stated, notes)
+    estimates = noise_by_channel(recordings)
+    noise = dataset_noise(recordings, stated, estimates, notes)
     dataset = without_constant_channels(Dataset(recordings, noise, tuple(notes)), stated)
-    return without_repeated_values(with_bench(dataset, columns.of_bench()))
+    return without_repeated_values(with_bench(dataset, columns.of_bench()), estimates)
 
 
 def read_recording(path: Path, system: str, T_E: float, mapping: Path | None = None) -> tuple[Recording, ...]:
@@ -238,9 +239,10 @@ def without_sample_noise(recording: Recording, channels: Collection[str]) -> Rec
     return replace(recording, sample_std={name: stds for name, stds in recording.sample_std.items() if name not in channels})
 
 
-def dataset_noise(recordings: Sequence[Recording], given: Mapping[str, float], notes: list[str]) -> dict[str, float]:
-    """The noise of every channel that was measured: as given, or estimated, with a note."""
-    estimated = noise_by_channel(recordings)
+def dataset_noise(
+    recordings: Sequence[Recording], given: Mapping[str, float], estimated: Mapping[str, Noise], notes: list[str]
+) -> dict[str, float]:
+    """The noise of every channel that was measured: as given, or `estimated`, with a note."""
     noise: dict[str, float] = {}
     for name in in_order({name for recording in recordings for name in recording.channels}, recordings[0].system):
         own = [recording.sample_std[name] for recording in recordings if name in recording.sample_std]

@@ -14,23 +14,21 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
 from sma_sim.evidence.data.display_units import in_display_unit
-from sma_sim.evidence.data.noise import Noise, noise_by_channel
+from sma_sim.evidence.data.noise import Noise
 from sma_sim.evidence.data.recording import Dataset, Recording, Vector
 from sma_sim.model.structures.discovery import known_structures
 
-SHORT, EDGE = (
-    0.1,
-    9,
-)  # of the longest of so many stretches of equal values: what noise makes at the edge of a step is shorter
+EDGE = 9  # stretches of equal values side by side
+SHORT = 0.1  # of the longest of these: what noise makes at the edge of two steps is shorter
 
 
-def without_repeated_values(dataset: Dataset) -> Dataset:
-    """The dataset with one row for each value that is repeated, and notes on it.
+def without_repeated_values(dataset: Dataset, estimates: Mapping[str, Noise]) -> Dataset:
+    """The dataset with one row for each value that is repeated, and notes on it, by the noise that its channels show.
 
     All rows stay of channels whose noise hides the resolution, or is stated by row or by what repeated experiments differ
     by; and of quasi-static tests, whose curves are read from them.
     """
-    estimates, noise = noise_by_channel(dataset.recordings), dataset.noise_std
+    noise = dataset.noise_std
     repeating = {
         name: one
         for name, one in estimates.items()
@@ -50,13 +48,12 @@ def without_repeated_values(dataset: Dataset) -> Dataset:
 def without_constant_channels(dataset: Dataset, stated: Collection[str]) -> Dataset:
     """The dataset without channels that never change, unless their noise is `stated`, with a note: how far they are from
     what they show nobody knows. All stay where none changes."""
-    values = dict[str, list[Vector]]()
-    for recording in dataset.recordings:
-        for name, shown in recording.channels.items():
-            values.setdefault(name, []).append(np.asarray(shown)[np.isfinite(shown)])
-    spans = {name: float(np.ptp(np.concatenate(parts))) for name, parts in values.items() if sum(map(len, parts)) > 1}
-    still = [name for name, span in spans.items() if span == 0.0 and name not in stated]
-    if not still or len(still) == len(values):
+    ends = dict[str, list[float]]()
+    for name, shown in (channel for one in dataset.recordings for channel in one.channels.items()):
+        known = np.asarray(shown)[np.isfinite(shown)]
+        ends.setdefault(name, []).extend([known.min(), known.max()] if len(known) else [])
+    still = [name for name, values in ends.items() if values and min(values) == max(values) and name not in stated]
+    if not still or len(still) == len(ends):
         return dataset
     recordings = tuple(
         replace(one, channels={name: shown for name, shown in one.channels.items() if name not in still})

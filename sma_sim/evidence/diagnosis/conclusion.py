@@ -108,7 +108,7 @@ def conclusion(
         context.on_progress('fitting all runs with fewer components')
         runs, earlier = (known.training, known.held_out), fits[best]
         fewer = pooled_refit(runs, earlier, stages[best].predicted, options, context, data.limit)
-        more = sum(one.log_prior for one in posterior.best.components if one.effect not in earlier.effects)
+        more = sum(one.log_prior for one in posterior.best.components if one.effect and one.effect not in earlier.effects)
         k = posterior.overdispersion
         is_worse = fewer is None or evidence_score(together[0], more, k, context) < evidence_score(fewer[0], 0.0, k, context)
     verdict = 'unknown_effect' if is_worse else verdict_of(stages[-1], pooled, posterior, data.limit)

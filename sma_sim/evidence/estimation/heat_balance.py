@@ -1,6 +1,6 @@
 """Where a thermometer on a wire shows how fast it warms up: heat capacity and heat transfer to start a fit from.
 
-Without latent heat the balance of heat of a wire is rho c_V V dT/dt = J - lambda A (T - T_E) (paper, (2)), whose integral
+Without latent heat the balance of heat of a wire is rho c_V V dT/dt = J - lambda A (T - T_E) (MAS9), whose integral
 is linear in a = 1/(rho c_V V) and b = lambda A a, so that a linear regression finds both, however far they are from nominal.
 A fit that starts where the wire would have been warm long before the first sample has no slope that leads to them.
 """

@@ -118,12 +118,9 @@ def expand_level(size: int, book: Book, context: SearchContext) -> None:
         parent = next((one for one in parents(book, size - 1) if one.key not in done), None)
         if parent is None:
             return
-        twins = any(names == parent.names for names, _ in done)
+        is_other = any(names == parent.names for names, _ in done)
         done.add(parent.key)
-        if twins:
-            expand_as_twin(parent, book, context)
-        else:
-            expand(parent, book, context)
+        (expand_in_other_kinetics if is_other else expand)(parent, book, context)
 
 
 def settle(book: Book, context: SearchContext) -> None:
@@ -220,7 +217,7 @@ def expand(parent: Model, book: Book, context: SearchContext) -> None:
         add_extended(parent, others, book, context, reached=min((one.fit.cost for one in found), default=inf) + WINDOW)
 
 
-def expand_as_twin(parent: Model, book: Book, context: SearchContext) -> None:
+def expand_in_other_kinetics(parent: Model, book: Book, context: SearchContext) -> None:
     """Add what the model with the other kinetics led to: what either lacks is alike, only how well it explains is not."""
     size = len(parent.components) + 1
     known = {

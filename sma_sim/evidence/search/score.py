@@ -211,21 +211,21 @@ def unlisted_evidence(linear: Sequence[LinearizedRun], floor_shares: Sequence[Se
         spectra = [(dct(measured(row), norm='ortho') ** 2, share) for row, share in rows if np.any(row)]
         if spectra:
             noises = PERIODS if any(share for _, share in spectra) else PERIODS[:1]  # all alike where no part of it lasts
-            alone = [sum(log_density(power, share, noise) for power, share in spectra) for noise in noises]
-            beside = [
-                sum(log_density(power, share, noise, a, period) for power, share in spectra)
-                for noise in noises
-                for a in AMPLITUDES
-                for period in PERIODS
-            ]
+            alone, beside = list[float](), list[float]()
+            for noise in noises:
+                rows_alone = [(power, 1.0 - f + f * spectrum_of(len(power), noise)) for power, f in spectra]
+                alone.append(sum(log_density(power, variance) for power, variance in rows_alone))
+                for period in PERIODS:
+                    both = [(power, known, spectrum_of(len(power), period)) for power, known in rows_alone]
+                    beside += [
+                        sum(log_density(power, known + a**2 * more) for power, known, more in both) for a in AMPLITUDES
+                    ]
             factors.append(log_mean(beside) - log_mean(alone))
     return log_mean(factors) if factors else 0.0
 
 
-def log_density(power: Vector, share: float, noise: float, amplitude: float = 0.0, periods: float = 1.0) -> float:
-    """The log density of the squared cosine coefficients (k,) of one row, up to a constant: under noise, of whose variance a
-    `share` changes after `noise` parts of the length, and a function of this amplitude that changes after `periods` ones."""
-    variance = 1.0 - share + share * spectrum_of(len(power), noise) + amplitude**2 * spectrum_of(len(power), periods)
+def log_density(power: Vector, variance: Vector) -> float:
+    """The log density of cosine coefficients of these variances (k,) by their squares (k,), up to a constant."""
     return -0.5 * float(np.sum(power / variance + np.log(variance)))
 
 
