@@ -25,7 +25,6 @@ from sma_sim.evidence.symbolic_regression.term_fits import terms_at
 from sma_sim.solver.simulate import SimulationError
 
 MARGIN = 3.0  # nats by which a fit may gain more than the first order promises: it moves shapes too
-FORM_SHARE = 0.5  # of what a model leaves, which another form of a law must promise to be fitted before further effects
 
 
 @dataclass(frozen=True)
@@ -93,8 +92,7 @@ def terms(base: FitResult, context: SearchContext, first: Component | None = Non
 
 
 def forms(model: Model, catalogue: Catalogue, context: SearchContext) -> list[tuple[Component, Component]]:
-    """Of the listed effects of a model, each with another form of its law that may stand in place of it, the best first:
-    those that promise to explain the better part of what is left, as the lack of another effect comes first."""
+    """Of the listed effects of a model, each with another form of its law that may stand in place of it, the best first."""
     active = {one.found.effect.name: one.found for one in model.fit.config.effects}
     laws = [one for one in model.components if one.effect and not one.is_formula]
     candidates = {law.name: forms_of(active[law.effect]) for law in laws}
@@ -103,10 +101,9 @@ def forms(model: Model, catalogue: Catalogue, context: SearchContext) -> list[tu
         screened = screen(model.fit.problem, model.fit.z, every, context.pool) if every else ()
     except SimulationError:
         return []
-    left, found = model.fit.squares - model.fit.problem.samples, list[tuple[Component, Proposal]]()
+    found = list[tuple[Component, Proposal]]()
     for law in laws:
-        own = (one for one in screened if one.candidate.found.effect.plain_name == law.plain_name)
-        for result in (one for one in own if one.gain > FORM_SHARE * left):
+        for result in (one for one in screened if one.candidate.found.effect.plain_name == law.plain_name):
             form = catalogue.form(result, law, len(candidates[law.name]), model.fit)
             found.append((law, Proposal(form, 0.5 * result.gain + form.log_prior - law.log_prior)))
     return [(law, one.component) for law, one in sorted(found, key=lambda pair: -pair[1].promise) if one.promise > -MARGIN]
