@@ -34,6 +34,7 @@ from sma_sim.evidence.data.sessions import (
 )
 from sma_sim.evidence.data.units import check_unit, slow_sampling
 from sma_sim.model.errors import UserError
+from sma_sim.model.shown import listed
 from sma_sim.model.structures.discovery import known_structures
 from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.inputs import Input
@@ -44,6 +45,7 @@ MIN_ROWS_WITH_SPIKES, SPIKE_RATIO, MAX_SPIKES = 100, 3.0, 0.02  # rows; beyond w
 MIN_SESSION_SAMPLES = 2  # fewer span no time
 MIN_RESTING = 10  # samples that tell where a robot rests, and that it has left
 EARLY_MOTION = 0.1  # of what a channel spans is no drift
+MAX_TIMES = 4  # of single rows in a note
 MAX_LATE_COMMAND = 0.2  # [s] beyond the delays of sensors and messages that a fit estimates
 
 
@@ -311,13 +313,22 @@ def imposed_without_noise(file: SourceFile, columns: dict[str, Vector], notes: l
     """Take what was imposed in place of what its sensors have shown; by column the error [SI] that their noise leaves."""
     errors = {}
     for name in file.imposed:
-        found = without_noise(columns[name])
+        given = columns[name]
+        found = without_noise(given)
         columns[name] = found.values
         if found.noise > 0.0:
             errors[name] = found.error
             is_constant = np.ptp(found.values) == 0.0
             words = f'taken as constant, {found.values[0]:.6g}' if is_constant else 'taken without it'
             notes.append(f'{name}: measured with a noise of {found.noise:.3g}, which the wire has not felt: {words}')
+        if found.single:
+            rows = list(found.single)
+            apart = float(np.abs(given - found.values)[rows].max())
+            at = listed((f'{time:.6g}' for time in columns['time_s'][rows]), MAX_TIMES)
+            notes.append(
+                f'{name}: single rows, up to {apart:.3g} from those beside them, at {at} s: taken as noise; if the wire has '
+                'felt them, record several rows while it does'
+            )
     return errors
 
 
