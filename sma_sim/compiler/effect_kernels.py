@@ -125,6 +125,12 @@ def pose_fields(structure: Structure) -> tuple[str, ...]:
     return tuple(f'{name}_' if name in State._fields[:S_POSE] else name for name in names)
 
 
+def coordinate_fields(structure: Structure) -> dict[str, tuple[str, str]]:
+    """By the name of a coordinate, what kernels call it and its rate."""
+    names, count = pose_fields(structure), len(structure.coordinates)
+    return dict(zip(structure.coordinate_names, zip(names[:count], names[count:], strict=True), strict=True))
+
+
 def kernel_types(effect: Effect, structure: Structure | None) -> KernelTypes:
     """What the kernels of an effect take."""
     structural = effect.port == 'structure_force'

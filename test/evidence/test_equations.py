@@ -146,7 +146,7 @@ def test_terms_along_a_run_are_those_of_the_simulator():
         for k in (1, 2)
         for kind, unit, value in (('T', '_K', 308.0), ('F', '_N', 1.0), ('x_M', '', 0.5))
     }
-    states = VisitedStates('run', 0, kernel_fields(time, hot, config(), 0))
+    states = VisitedStates(0, kernel_fields(time, hot, config(), 0))
     assert term_values(term, (4.0,), states) == pytest.approx(10.0 * (1.0 - np.exp(-time / 4.0)), abs=0.1)
 
 
@@ -154,7 +154,7 @@ def test_a_term_that_overflows_is_not_tried():
     """A rate grows exponentially with the temperature, which is anything where a model is wrong."""
     activated = next(term for term in LOCATIONS['stress'].terms if term.name == 'activated')
     ones = np.ones(3)
-    states = VisitedStates('run', 0, {'t': np.arange(3.0), 'T': 900.0 * ones, 'T_E': 300.0 * ones})
+    states = VisitedStates(0, {'t': np.arange(3.0), 'T': 900.0 * ones, 'T_E': 300.0 * ones})
     assert rms_value(activated, (0.5,), states) == np.inf
     assert rms_value(activated, (60.0,), states) < np.inf
 
@@ -188,7 +188,7 @@ def test_the_best_terms_count_by_their_own_responses(tried, coefficient):
     linearized = SimpleNamespace(
         locations=tuple(LOCATIONS[name] for name in ('heat_1', 'heat_2', 'strain_1', 'sense_alpha')),
         responses=responses,
-        project=lambda response: response,
+        projection=SimpleNamespace(visible=lambda response: response),
         projected_residuals=residuals,
     )
     names = ('heat', 'heat_1', 'strain_1', 'sense_alpha')
@@ -279,7 +279,7 @@ def test_a_constant_variable_has_no_thresholds():
     still, moving = np.full(50, 300.0), np.linspace(290.0, 340.0, 50)
     step = next(term for term in LOCATIONS['heat'].terms if term.shapes and {shape.of for shape in term.shapes} == {'T'})
     for values, count in ((still, 0), (moving, 1)):
-        ranges = VisitedRanges([VisitedStates('run', 0, {'T': values})], 10.0, ())
+        ranges = VisitedRanges([VisitedStates(0, {'T': values})], 10.0, ())
         assert min(len(shape_grid(step, ranges)), 1) == count
 
 

@@ -40,11 +40,6 @@ class Port:
     variable: str = ''
     column: str = ''
 
-    @property
-    def adds(self) -> str:
-        """What u does to the model, in words."""
-        return f'{self.description} [{self.unit}]'
-
 
 def ports_of(config: Config, channels: Collection[str]) -> tuple[Port, ...]:
     """The ports of a model; of the sensors those of the channels that were recorded.

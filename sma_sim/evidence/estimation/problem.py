@@ -192,12 +192,24 @@ def near(problem: Problem, corrections: Sequence[Matrix | None]) -> Problem:
 
 def residuals_at(problem: Problem, z: Vector, executor: Executor) -> list[Matrix | None]:
     """Weighted residuals of every run."""
-    config = PickledConfig(problem.fitted(z))
+    return [future.result()[0] for future in submitted(problem, z, problem.fitted(z), executor)]
+
+
+def submitted(problem: Problem, z: Vector, config: Config, executor: Executor) -> list[Future[list[Matrix | None]]]:
+    """The weighted residuals of every run under a configuration, with what z says of the runs, as they are computed."""
+    pickled = PickledConfig(config)
     tasks = [
-        EvaluationTask(run, ((config, problem.nuisance(run, z[indices])),))
+        EvaluationTask(run, ((pickled, problem.nuisance(run, z[indices])),))
         for run, indices in zip(problem.runs, problem.indices(), strict=True)
     ]
-    return [future.result()[0] for future in [executor.submit(evaluate, task) for task in tasks]]
+    return [executor.submit(evaluate, task) for task in tasks]
+
+
+def change_of(runs: Sequence[Future[list[Matrix | None]]], base: Sequence[Matrix | None]) -> Vector | None:
+    """The change (N,) of all `submitted` residuals from those of a base; None where a run of either cannot be made."""
+    pairs = zip([run.result()[0] for run in runs], base, strict=True)
+    changes = [(there - here).ravel() for there, here in pairs if there is not None and here is not None]
+    return np.concatenate(changes) if len(changes) == len(base) else None
 
 
 def linearize(

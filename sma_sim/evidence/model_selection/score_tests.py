@@ -15,12 +15,21 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.estimation.executors import PickledConfig
-from sma_sim.evidence.estimation.problem import EvaluationTask, LinearizedRun, Problem, evaluate, linearize, near
+from sma_sim.evidence.estimation.problem import (
+    LinearizedRun,
+    Problem,
+    accumulated,
+    change_of,
+    linearize,
+    near,
+    normal_equations,
+    submitted,
+)
 from sma_sim.evidence.model_selection.candidates import Candidate, Probe, at_instants, instants_of, with_effect
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 
 Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
 WEAK = 0.5  # of a step, below which a strength is probed again: a response over it is no longer the slope
 
 
@@ -31,14 +40,6 @@ class ScreeningResult:
     candidate: Candidate
     gain: float
     values: Mapping[str, float]
-
-
-@dataclass(frozen=True)
-class ProjectedResponse:
-    """The response (N,) to a probe, over all runs, that no fitted unknown can absorb."""
-
-    probe: Probe
-    response: Vector
 
 
 def screen(problem: Problem, z: Vector, candidates: Sequence[Candidate], pool: Executor) -> tuple[ScreeningResult, ...]:
@@ -68,16 +69,13 @@ def score_test(
     """What the best family of a candidate's probes could explain; nothing where the channels cannot see it."""
     best = ScreeningResult(candidate, 0.0, {})
     for family in candidate.families:
-        projected = [
-            projected_response(probe, response, project)
-            for probe in family
-            if (response := responses.get(id(probe))) is not None
-        ]
-        visible = [response for response in projected if response is not None]
+        projected = [(probe, project.visible(responses[id(probe)])) for probe in family if id(probe) in responses]
+        visible = [(probe, response) for probe, response in projected if response is not None]
         if visible:
-            gain, amounts = explained(visible, residuals)
+            probes = [probe for probe, _ in visible]
+            gain, amounts = explained(probes, np.array([response for _, response in visible]), residuals)
             if gain > best.gain:
-                best = ScreeningResult(candidate, gain, values_at(visible, amounts))
+                best = ScreeningResult(candidate, gain, values_at(probes, amounts))
     return best
 
 
@@ -141,8 +139,7 @@ def probe_all(
     problem: Problem, z: Vector, candidates: Sequence[Candidate], linear: Sequence[LinearizedRun], pool: Executor
 ) -> dict[int, Vector]:
     """The change of all residuals by every probe, (N,) by the probe's id; without those that cannot be run."""
-    config, indices = problem.fitted(z), problem.indices()
-    nearby = near(problem, [run.correction for run in linear])
+    config, nearby = problem.fitted(z), near(problem, [run.correction for run in linear])
     measured = {channel for run in problem.runs for channel in run.channels}
     probes = [
         (candidate, probe)
@@ -151,34 +148,19 @@ def probe_all(
         for probe in family
         if candidate.found.effect.is_seen(probe.parameter, measured)
     ]
-    futures = []
-    for candidate, probe in probes:
-        values = {**probe.shape, probe.parameter: probe.neutral + probe.step}
-        probed = PickledConfig(with_effect(config, candidate.found, values))
-        tasks = [
-            EvaluationTask(run, ((probed, problem.nuisance(run, z[k])),))
-            for run, k in zip(nearby.runs, indices, strict=True)
-        ]
-        futures.append([pool.submit(evaluate, task) for task in tasks])
-    found = {}
-    for (_, probe), runs in zip(probes, futures, strict=True):
-        shown = [future.result()[0] for future in runs]
-        if all(residuals is not None for residuals in shown):
-            pairs = zip(shown, linear, strict=True)
-            changes = [residuals - base.residuals for residuals, base in pairs if residuals is not None]
-            found[id(probe)] = np.concatenate([change.ravel() for change in changes])
-    return found
+    values = [{**probe.shape, probe.parameter: probe.neutral + probe.step} for _, probe in probes]
+    configs = [with_effect(config, one.found, at) for (one, _), at in zip(probes, values, strict=True)]
+    futures = [submitted(nearby, z, probed, pool) for probed in configs]
+    changes = [change_of(runs, [run.residuals for run in linear]) for runs in futures]
+    return {id(probe): change for (_, probe), change in zip(probes, changes, strict=True) if change is not None}
 
 
 class Projection:
     """Takes from a response what the fitted unknowns can absorb; their priors hold them back as in the fit."""
 
     def __init__(self, linear: Sequence[LinearizedRun], n: int, tempering: float = 1.0) -> None:
-        self._linear, hessian = linear, tempering**2 * np.eye(n)
-        for run in linear:
-            flat = run.jacobian.reshape(len(run.indices), -1)
-            hessian[np.ix_(run.indices, run.indices)] += flat @ flat.T
-        self._inverse = np.linalg.inv(hessian)
+        parts = (normal_equations(run, robust=False) for run in linear)
+        self._linear, self._inverse = linear, np.linalg.inv(accumulated(parts, np.zeros(n), tempering)[2])
 
     def __call__(self, response: Vector) -> Vector:
         """The part that is left, (N,)."""
@@ -194,24 +176,19 @@ class Projection:
         ]
         return np.concatenate(rest)
 
-
-def projected_response(probe: Probe, response: Vector, project: Projection) -> ProjectedResponse | None:
-    """What is left of a response; None where the channels do not see it, or all of it can be absorbed."""
-    rest = project(response)
-    size = float(response @ response)
-    if size == 0.0 or float(rest @ rest) < CRITERIA.min_unabsorbed * size:
-        return None
-    return ProjectedResponse(probe, rest)
+    def visible(self, response: Vector) -> Vector | None:
+        """The part that is left; None where the channels do not see the response, or all of it can be absorbed."""
+        rest, size = self(response), float(response @ response)
+        return None if size == 0.0 or float(rest @ rest) < CRITERIA.min_unabsorbed * size else rest
 
 
-def explained(responses: Sequence[ProjectedResponse], residuals: Vector) -> tuple[float, Vector]:
-    """The gain of the responses together, and their amounts (>= 0)."""
-    columns = np.array([one.response for one in responses])
-    scale = 1.0 / np.linalg.norm(columns, axis=1)
-    columns = columns * scale[:, None]
+def explained(probes: Sequence[Probe], responses: Matrix, residuals: Vector) -> tuple[float, Vector]:
+    """The gain of what is left of the responses (probes, N) to probes together, and their amounts (>= 0)."""
+    scale = 1.0 / np.linalg.norm(responses, axis=1)
+    columns = responses * scale[:, None]
     gram, targets = columns @ columns.T + 1e-9 * np.eye(len(scale)), -columns @ residuals
     gain, amounts = 0.0, np.zeros(len(scale))
-    for active in one_side_each([response.probe.parameter for response in responses]):
+    for active in one_side_each([probe.parameter for probe in probes]):
         found = np.linalg.solve(gram[np.ix_(active, active)], targets[active])
         gained = float(found @ targets[active])
         if (found > 0.0).all() and gained > gain:
@@ -228,10 +205,10 @@ def one_side_each(parameters: Sequence[str]) -> Iterator[NDArray[np.int64]]:
             yield np.array([k for k in chosen if k >= 0])
 
 
-def values_at(responses: Sequence[ProjectedResponse], amounts: Vector) -> dict[str, float]:
+def values_at(probes: Sequence[Probe], amounts: Vector) -> dict[str, float]:
     """The parameters at the best amounts of all probes of a family."""
-    values = dict(responses[0].probe.shape)
-    for probe, amount in zip([response.probe for response in responses], amounts, strict=True):
+    values = dict(probes[0].shape)
+    for probe, amount in zip(probes, amounts, strict=True):
         before = values.get(probe.parameter, probe.neutral)
         values[probe.parameter] = before + float(amount) * probe.step
     return values

@@ -8,29 +8,28 @@ from threading import Lock
 from sma_sim.compiler.compile import cache_folder
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.estimation.injection_points import STIFFNESS
-from sma_sim.evidence.symbolic_regression.locations import CHAIN_STAGES, EVERY_WIRE, Location
+from sma_sim.evidence.symbolic_regression.locations import CHAIN_STAGES, EVERY_WIRE
 from sma_sim.model.effects.discovery import FoundEffect, find_effects
 from sma_sim.model.structures.structure import Structure
 
 LOADING_LOCK = Lock()
 STIFFNESS_IMPORT = 'from sma_sim.model.structures.beam import stiffness_forces\n'  # for what acts along K q
-STIFFNESS_CALL = 'stiffness_forces(s.U_x, s.U_y, s.alpha, w, VALUE)'
 
 
-def kernel_return(location: Location, value: str, structure: Structure, constants: str = 'w') -> str:
-    """What the kernel of an effect at a location returns for a value there."""
-    if location.hook == 'structure_force':
-        if location.component == STIFFNESS:
-            return STIFFNESS_CALL.replace(' w,', f' {constants},').replace('VALUE', value)
+def kernel_return(hook: str, component: int, value: str, structure: Structure, constants: str = 'w') -> str:
+    """What the kernel of an effect returns for a value at a location, a component of a port."""
+    if hook == 'structure_force':
+        if component == STIFFNESS:
+            return f'stiffness_forces(s.U_x, s.U_y, s.alpha, {constants}, {value})'
         count = len(structure.coordinates)
-        each = ', '.join(value if k == location.component else '0.0' for k in range(count))
+        each = ', '.join(value if k == component else '0.0' for k in range(count))
         return f'({each})' if count > 1 else each
-    if location.hook == 'sensing':
+    if hook == 'sensing':
         return f's.value + {value}'
-    value = in_wire(location.component, structure.wires, value)
-    if location.hook == 'actuation':
+    value = in_wire(component, structure.wires, value)
+    if hook == 'actuation':
         return f's.J + {value}'
-    return f'({value}, {value})' if location.hook == 'transformation_stress' else value
+    return f'({value}, {value})' if hook == 'transformation_stress' else value
 
 
 def in_wire(wire: int, wires: int, value: str) -> str:

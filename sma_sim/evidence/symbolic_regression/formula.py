@@ -153,7 +153,8 @@ class Formula:
         constants = 'b' if location.hook == 'structure_force' else 'w'
         arguments = f's, {constants}, p, m' if any(self.state_names) else f's, {constants}, p'
         separate = self.needs_function
-        kernel = kernel_return(location, f'quantity({arguments})' if separate else self.sum, self.structure, constants)
+        value = f'quantity({arguments})' if separate else self.sum
+        kernel = kernel_return(location.hook, location.component, value, self.structure, constants)
         docstring = f'"""{location.description.capitalize()} [{location.unit}]."""'
         body = f'\n\ndef quantity({arguments}):\n    {docstring}\n    return {self.sum}\n\n' if separate else ''
         lines = [
@@ -166,7 +167,7 @@ class Formula:
             '),',
             *self.state_lines(arguments, constants),
             f'kernel=lambda {arguments}: {kernel},',
-            *port_lines(location.hook, self.structure, location.channel),
+            *port_lines(location.hook, self.structure, location.variable),
         ]
         effect = '\n'.join(f'    {line}' for line in lines)
         imports = 'import math\n\n' if 'math.' in effect + body else ''

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from types import MappingProxyType
 
-from sma_sim.compiler.effect_kernels import pose_fields
+from sma_sim.compiler.effect_kernels import coordinate_fields
 from sma_sim.evidence.estimation.injection_points import STIFFNESS, Port, ports_of
 from sma_sim.evidence.symbolic_regression import term_library
 from sma_sim.evidence.symbolic_regression.terms import Term
@@ -20,28 +20,20 @@ EVERY_WIRE = -1  # `component` of a location that is no single port
 
 
 @dataclass(frozen=True)
-class Location:
-    """Where a term in `unit` acts through the effects' port `hook`; `ports` are those that it moves.
+class Location(Port):
+    """A port at which a term in `unit` acts, or the same port of every wire: `ports` are those that it moves.
 
-    `component`: the wire (EVERY_WIRE: the same equation in each), the coordinate (STIFFNESS: along K q), or the number by
-    which kernels know the channel. `channel`: what is sensed. `probe`: a small but visible size. `symbol`: what an equation
-    calls the quantity. `terms`: the candidates here.
+    `component`: as of a port, but EVERY_WIRE for the same equation in each, and on sensing the number by which kernels know
+    the channel. `symbol`: what an equation calls the quantity. `terms`: the candidates here.
     """
 
-    name: str
-    hook: str
-    component: int
-    unit: str
-    probe: float
-    ports: tuple[str, ...]
-    description: str
-    symbol: str
-    channel: str = ''
+    ports: tuple[str, ...] = ()
+    symbol: str = ''
     terms: tuple[Term, ...] = field(default=(), repr=False, compare=False)
 
 
 CHAIN_STAGES = {'actuation': 'gain', 'sensing': 'bias'}
-POWER_UNIT, POWER_PROBE = 'W', 0.02  # of terms of the electrical power, whose port is a fraction of it
+POWER_UNIT = 'W'  # of terms of the electrical power, whose port is a fraction of it
 SYMBOLS = {'wire_heat': 'Q', 'wire_strain': 'e', 'transformation_stress': 's_A = s_M', 'actuation': 'P', 'sensing': 'shown'}
 EVERY_WIRE_DESCRIPTIONS: Mapping[str, str] = MappingProxyType(
     {
@@ -55,23 +47,17 @@ EVERY_WIRE_DESCRIPTIONS: Mapping[str, str] = MappingProxyType(
 
 def terms_at(port: Port, structure: Structure, config: Config) -> tuple[Term, ...]:
     """The candidate terms at a port."""
+    name, rate = coordinate_fields(structure).get(port.variable, ('', ''))
     if port.hook == 'structure_force':
         if port.component == STIFFNESS:
             return term_library.stiffness_terms(structure.wires)
-        at = structure.coordinate_names.index(port.variable)
-        coordinate = structure.coordinates[at]
-        names = pose_fields(structure)
+        coordinate = structure.coordinates[structure.coordinate_names.index(port.variable)]
         size = coordinate.size(structure.constants_of(config.parameters))
         guided = structure.coordinates[port.component].joint
-        variable = term_library.CoordinateVariable(
-            names[at], names[len(structure.coordinates) + at], coordinate.unit, size, guided
-        )
+        variable = term_library.CoordinateVariable(name, rate, coordinate.unit, size, guided)
         return term_library.coordinate_terms(variable, structure.wires)
     if port.hook == 'sensing':
-        if port.variable not in structure.coordinate_names:
-            return term_library.sensor_terms('')
-        at = structure.coordinate_names.index(port.variable)
-        return term_library.sensor_terms(pose_fields(structure)[len(structure.coordinates) + at])
+        return term_library.sensor_terms(rate)
     library = {
         'wire_heat': term_library.heat_terms,
         'actuation': term_library.power_terms,
@@ -95,21 +81,12 @@ def symbol_of(port: Port, structure: Structure) -> str:
 
 def location_of(port: Port, structure: Structure, config: Config) -> Location:
     """One port alone."""
-    unit, probe = (POWER_UNIT, POWER_PROBE) if port.hook == 'actuation' else (port.unit, port.probe)
-    sensed = port.hook == 'sensing'
-    component = channel_codes(structure)[port.component] if sensed else port.component
-    return Location(
-        port.name,
-        port.hook,
-        component,
-        unit,
-        probe,
-        (port.name,),
-        port.description,
-        symbol_of(port, structure),
-        port.variable if sensed else '',
-        terms_at(port, structure, config),
-    )
+    terms, at = terms_at(port, structure, config), dict(vars(port))
+    if port.hook == 'actuation':
+        at['unit'] = POWER_UNIT
+    elif port.hook == 'sensing':
+        at['component'] = channel_codes(structure)[port.component]
+    return Location(**at, ports=(port.name,), symbol=symbol_of(port, structure), terms=terms)
 
 
 def locations_for(config: Config, channels: Collection[str]) -> tuple[Location, ...]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.compiler.effect_kernels import pose_fields
+from sma_sim.compiler.effect_kernels import coordinate_fields
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.symbolic_regression.formula import Formula
 from sma_sim.evidence.symbolic_regression.locations import EVERY_WIRE, Location, locations_for
@@ -89,8 +89,7 @@ def partial_residual_plot(fitted: FitResult, formula: Formula, pool: Executor) -
 def axis_of(variable: str, formula: Formula) -> tuple[str, str]:
     """What a variable is called, and its unit: of a coordinate, its rate, or another state; else that of the quantity."""
     structure = formula.structure
-    names = pose_fields(structure)
-    for coordinate, name, rate in zip(structure.coordinates, names, names[len(structure.coordinates) :], strict=False):
+    for coordinate, (name, rate) in zip(structure.coordinates, coordinate_fields(structure).values(), strict=True):
         if variable in (name, f'd{name}', rate):
             unit = coordinate.unit
             return (coordinate.name, unit) if variable == name else (f'd({coordinate.name})/dt', f'{unit}/s')
@@ -141,7 +140,7 @@ def hat_responses(
                 of_run = np.zeros(int(ends[-1]))
                 if response is not None:
                     of_run[ends[j] : ends[j + 1]] = response[ends[j] : ends[j + 1]]
-                column = linearized.project(of_run)
+                column = linearized.projection.visible(of_run)
                 columns.append(np.zeros_like(of_run) if column is None else column)
     return np.array(columns)
 

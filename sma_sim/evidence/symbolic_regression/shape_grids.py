@@ -15,12 +15,8 @@ from sma_sim.evidence.symbolic_regression.terms import ShapeParameter, Term
 from sma_sim.evidence.symbolic_regression.visited_states import VisitedStates
 
 Vector = NDArray[np.float64]
-THRESHOLDS_PER_RANGE, INSTANTS_PER_RUN, TIME_CONSTANTS_PER_RUN, MAX_FREQUENCIES = (
-    9,
-    19,
-    7,
-    6,
-)  # cost grows with their product
+# Cost grows with their product.
+THRESHOLDS_PER_RANGE, INSTANTS_PER_RUN, TIME_CONSTANTS_PER_RUN, MAX_FREQUENCIES = 9, 19, 7, 6
 WIDTH_FRACTIONS = (0.06, 0.15, 0.35)  # of the visited range
 PERIODS_PER_RANGE = np.arange(1.5, 10.1, 0.5)  # within the visited range
 PHASES = (0.0, 0.25 * math.pi, 0.5 * math.pi, 0.75 * math.pi)

@@ -8,29 +8,19 @@ parameters, starts and delay absorb of it (as in the screening of effects). No m
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
 from math import inf
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.estimation.executors import PickledConfig, run_in_threads
+from sma_sim.evidence.estimation.executors import run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.problem import (
-    EvaluationTask,
-    LinearizedRun,
-    Problem,
-    evaluate,
-    linearize,
-    measured_steps,
-    near,
-)
+from sma_sim.evidence.estimation.problem import Problem, change_of, linearize, measured_steps, near, submitted
 from sma_sim.evidence.estimation.search_context import SearchContext, Stop
 from sma_sim.evidence.model_selection.candidates import with_effect
-from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.score_tests import Projection
 from sma_sim.evidence.symbolic_regression.locations import EVERY_WIRE, Location, locations_for
 from sma_sim.evidence.symbolic_regression.response_basis import by_combination, by_product, follows_slow_states
@@ -84,31 +74,17 @@ class TermFit:
         return f'{self.location.name}: {self.term.name}'
 
 
-@dataclass(frozen=True)
-class LocationGroup:
-    """Locations whose terms share responses: single ones, and every wire together if these are the wires."""
-
-    singles: tuple[Location, ...]
-    every: Location | None = None
-
-    @property
-    def members(self) -> tuple[Location, ...]:
-        """All of them, every wire last."""
-        return self.singles if self.every is None else (*self.singles, self.every)
-
-
 class LinearizedFit:
     """A fitted problem, linearized, to whose residuals terms are fitted."""
 
     def __init__(self, problem: Problem, z: Vector, pool: Executor) -> None:
         self._problem, self._z, self._pool = problem, z, pool
-        self.linear: list[LinearizedRun] = linearize(problem, z, pool, measured_steps(problem, z, pool), central=True)
-        self.residuals = np.concatenate([run.residuals.ravel() for run in self.linear])
-        self._project = Projection(self.linear, len(z))
-        self.projected_residuals = self._project(self.residuals)
-        self._runs = near(problem, [run.correction for run in self.linear]).runs
-        self._config, self._indices = problem.at_tolerance(RESPONSE_RTOL).fitted(z), problem.indices()
-        self._nominal = [self._submit(PickledConfig(self._config), k) for k in range(len(problem.runs))]
+        self.linear = linearize(problem, z, pool, measured_steps(problem, z, pool), central=True)
+        self.projection = Projection(self.linear, len(z))
+        self.projected_residuals = self.projection(np.concatenate([run.residuals.ravel() for run in self.linear]))
+        self._nearby = near(problem, [run.correction for run in self.linear])
+        self._config = problem.at_tolerance(RESPONSE_RTOL).fitted(z)
+        self._nominal = [run.result()[0] for run in submitted(self._nearby, z, self._config, pool)]
         self._frequencies = peak_frequencies(problem, self.linear)
 
     def ranges(self, location: Location) -> VisitedRanges:
@@ -144,25 +120,9 @@ class LinearizedFit:
         for trial in trials:
             effect = universal_term(location.hook, bool(trial.term.rate), self._config.structure)
             values = effect.values(location, trial.term, trial.coefficient, trial.shapes)
-            config = PickledConfig(with_effect(self._config, effect.found, values))
-            futures.append([self._submit(config, k) for k in range(len(self._indices))])
-        responses: list[Vector | None] = []
-        for runs in futures:
-            pairs = [(run.result()[0], nominal.result()[0]) for run, nominal in zip(runs, self._nominal, strict=True)]
-            parts = [(run - nominal).ravel() for run, nominal in pairs if run is not None and nominal is not None]
-            responses.append(np.concatenate(parts) if len(parts) == len(pairs) else None)
-        return responses
-
-    def _submit(self, config: PickledConfig, k: int) -> Future[list[Any]]:
-        """The residuals of run k."""
-        run = self._runs[k]
-        nuisance = self._problem.nuisance(run, self._z[self._indices[k]])
-        return self._pool.submit(evaluate, EvaluationTask(run, ((config, nuisance),)))
-
-    def project(self, response: Vector) -> Vector | None:
-        """What the fitted parameters do not absorb of a response; None where the channels do not see it."""
-        projected, size = self._project(response), float(response @ response)
-        return None if size == 0.0 or float(projected @ projected) < CRITERIA.min_unabsorbed * size else projected
+            config = with_effect(self._config, effect.found, values)
+            futures.append(submitted(self._nearby, self._z, config, self._pool))
+        return [change_of(runs, self._nominal) for runs in futures]
 
 
 def rms_value(term: Term, shapes: Sequence[float], states: VisitedStates) -> float:
@@ -170,26 +130,28 @@ def rms_value(term: Term, shapes: Sequence[float], states: VisitedStates) -> flo
     return float(np.sqrt(np.mean(term_values(term, shapes, states) ** 2)))
 
 
-def fit_terms_at(linearized: LinearizedFit, group: LocationGroup, stop: Stop) -> list[TermFit]:
+def sum_of(responses: Sequence[Vector | None]) -> Vector | None:
+    """The response to all of some trials at once; None where one of them cannot be run."""
+    known = [response for response in responses if response is not None]
+    return np.sum(known, axis=0) if len(known) == len(responses) else None
+
+
+def fit_terms_at(linearized: LinearizedFit, group: Sequence[Location], stop: Stop) -> list[TermFit]:
     """The best shapes of every term at a group of locations; that of every wire is the sum of all. None after a stop."""
     if stop.is_set():
         return []
-    single = group.singles[0]
-    ranges = linearized.ranges(group.members[-1])
+    ranges = linearized.ranges(group[-1])
     trials = [
-        TermTrial(term, shapes, single.probe / size)
-        for term in single.terms
+        TermTrial(term, shapes, group[0].probe / size)
+        for term in group[0].terms
         for shapes in shape_grid(term, ranges)
         if 0.0 < (size := max(rms_value(term, shapes, states) for states in ranges.visited)) < inf
     ]
-    by_location = [responses_at(linearized, location, trials) for location in group.singles]
+    by_location = [responses_at(linearized, location, trials) for location in group if location.component != EVERY_WIRE]
     best: dict[tuple[str, str], TermFit] = {}
     for k, trial in enumerate(trials):
         responses = [of_trials[k] for of_trials in by_location]
-        if group.every is not None:
-            known = [response for response in responses if response is not None]
-            responses.append(np.sum(known, axis=0) if len(known) == len(responses) else None)
-        for location, response in zip(group.members, responses, strict=True):
+        for location, response in zip(group, [*responses, sum_of(responses)], strict=False):
             fit = term_fit(linearized, location, trial, response)
             key = location.name, trial.term.name
             if fit and fit.error_reduction > (best[key].error_reduction if key in best else 0.0):
@@ -231,7 +193,7 @@ def columns_of(
 
 def term_fit(linearized: LinearizedFit, location: Location, trial: TermTrial, response: Vector | None) -> TermFit | None:
     """The least-squares coefficient of a term by its response to a trial; None where the channels do not see it."""
-    column = None if response is None else linearized.project(response)
+    column = None if response is None else linearized.projection.visible(response)
     if column is None:
         return None
     score, size = float(column @ linearized.projected_residuals), float(column @ column)
@@ -239,33 +201,27 @@ def term_fit(linearized: LinearizedFit, location: Location, trial: TermTrial, re
     return TermFit(location, trial.term, trial.shapes, coefficient, gain, (), trial.coefficient)
 
 
-def location_groups(locations: Sequence[Location]) -> list[LocationGroup]:
-    """Locations grouped: the wires and every wire; all others alone."""
-    groups = [
-        LocationGroup(tuple(location for location in locations if location.name in every.ports), every)
-        for every in locations
-        if every.component == EVERY_WIRE
-    ]
-    grouped = {location.name for group in groups for location in group.members}
-    return [*(LocationGroup((location,)) for location in locations if location.name not in grouped), *groups]
+def location_groups(locations: Sequence[Location]) -> list[list[Location]]:
+    """Locations whose terms share responses: the wires and, last, every wire together; all others alone."""
+    every = [location for location in locations if location.component == EVERY_WIRE]
+    groups = [[*(location for location in locations if location.name in one.ports), one] for one in every]
+    grouped = {location.name for group in groups for location in group}
+    return [*([location] for location in locations if location.name not in grouped), *groups]
 
 
 def terms_at(fit: FitResult, overdispersion: float, context: SearchContext, hooks: Collection[str] = ()) -> list[TermFit]:
-    """All terms (of these ports) on a model where it lies, the largest error reduction first: of squares over those that an
-    overdispersion lets count. Raises SimulationError."""
-    linearized = LinearizedFit(fit.problem.weighted(1.0 / overdispersion), fit.z, context.pool)
-    return fit_all_terms(linearized, context.stop, hooks)
-
-
-def fit_all_terms(linearized: LinearizedFit, stop: Stop, hooks: Collection[str] = ()) -> list[TermFit]:
-    """All terms at all locations (of these hooks), the largest error reduction first; those so far after a stop.
+    """All terms at all locations (of these hooks) on a model where it lies, the largest error reduction first, of squares
+    over those that an overdispersion lets count; those so far after a stop. Raises SimulationError.
 
     Two groups at once: while the terms of one are fitted, the responses of the other are simulated.
     """
-    groups = [group for group in location_groups(linearized.locations) if not hooks or group.singles[0].hook in hooks]
-    jobs = [partial(fit_terms_at, linearized, group, stop) for group in groups]
-    fits = ordered(fit for found in run_in_threads(jobs, stop, at_once=2) for fit in found)
-    return fits if stop.is_set() else ordered(with_own_responses(linearized, fits[:EXACT_TERMS]) + fits[EXACT_TERMS:])
+    linearized = LinearizedFit(fit.problem.weighted(1.0 / overdispersion), fit.z, context.pool)
+    groups = [group for group in location_groups(linearized.locations) if not hooks or group[0].hook in hooks]
+    jobs = [partial(fit_terms_at, linearized, group, context.stop) for group in groups]
+    fits = ordered(fit for found in run_in_threads(jobs, context.stop, at_once=2) for fit in found)
+    if context.stop.is_set():
+        return fits
+    return ordered(with_own_responses(linearized, fits[:EXACT_TERMS]) + fits[EXACT_TERMS:])
 
 
 def ordered(fits: Iterable[TermFit]) -> list[TermFit]:
@@ -287,8 +243,7 @@ def with_own_responses(linearized: LinearizedFit, fits: Sequence[TermFit]) -> li
     }
     found = []
     for fit in fits:
-        parts = [own.get((name, fit.trial)) for name in fit.location.ports]
-        known = [part for part in parts if part is not None]
-        exact = term_fit(linearized, fit.location, fit.trial, np.sum(known, axis=0)) if len(known) == len(parts) else None
+        whole = sum_of([own.get((name, fit.trial)) for name in fit.location.ports])
+        exact = term_fit(linearized, fit.location, fit.trial, whole)
         found.append(fit if exact is None else replace(exact, limits=fit.limits))
     return found

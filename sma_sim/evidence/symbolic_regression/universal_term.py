@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import cache
 
 from sma_sim.evidence.estimation.injection_points import STIFFNESS
-from sma_sim.evidence.symbolic_regression.code_generation import STIFFNESS_CALL, STIFFNESS_IMPORT, load_generated, port_lines
-from sma_sim.evidence.symbolic_regression.locations import Location, locations_of_hook
+from sma_sim.evidence.symbolic_regression.code_generation import STIFFNESS_IMPORT, kernel_return, load_generated, port_lines
+from sma_sim.evidence.symbolic_regression.locations import EVERY_WIRE, Location, locations_of_hook
 from sma_sim.evidence.symbolic_regression.term_library import HAT_FUNCTION
 from sma_sim.evidence.symbolic_regression.terms import MAX_SHAPES, Term
 from sma_sim.model.effects.discovery import FoundEffect
@@ -22,13 +22,6 @@ import math
 from sma_sim import Effect, Parameter
 '''
 WIRE_SELECTOR = '(1.0 if p.component < 0.0 or s.wire == p.component else 0.0)'
-RETURN_EXPRESSIONS = {
-    'sensing': 's.value + (VALUE if s.channel == p.component else 0.0)',
-    'actuation': f's.J + {WIRE_SELECTOR} * VALUE',
-    'wire_heat': f'{WIRE_SELECTOR} * VALUE',
-    'wire_strain': f'{WIRE_SELECTOR} * VALUE',
-    'transformation_stress': f'({WIRE_SELECTOR} * VALUE, {WIRE_SELECTOR} * VALUE)',
-}
 OF_STRUCTURES = ('structure_force', 'sensing')  # ports whose terms name coordinates
 
 
@@ -69,31 +62,31 @@ def universal_term(hook: str, has_state: bool, on: FoundStructure, copy: int = 0
     return UniversalTerm(load_generated(name, universal_file(name, hook, terms, has_state, on)), terms)
 
 
-def return_expression(hook: str, on: FoundStructure) -> str:
-    """What the kernel returns for a VALUE: of forces one number for each coordinate."""
+def return_expression(hook: str, value: str, on: FoundStructure) -> str:
+    """What the kernel returns for a value at the component that a parameter names."""
     if hook != 'structure_force':
-        return RETURN_EXPRESSIONS[hook]
+        chosen = f'({value} if s.channel == p.component else 0.0)' if hook == 'sensing' else f'{WIRE_SELECTOR} * {value}'
+        return kernel_return(hook, EVERY_WIRE, chosen, on.structure)
     count = len(on.structure.coordinates)
     if count == 1:
-        return 'VALUE'
-    by_coordinate = f'({", ".join(f"VALUE if p.component == {float(j)!r} else 0.0" for j in range(count))})'
-    along_stiffness = any(location.component == STIFFNESS for location in locations_of_hook(hook, on))
-    along = f'{STIFFNESS_CALL} if p.component == {float(STIFFNESS)!r} else '
-    return f'{along if along_stiffness else ""}{by_coordinate}'
+        return value
+    each = f'({", ".join(f"{value} if p.component == {float(j)!r} else 0.0" for j in range(count))})'
+    if all(location.component != STIFFNESS for location in locations_of_hook(hook, on)):
+        return each
+    return f'{kernel_return(hook, STIFFNESS, value, on.structure)} if p.component == {float(STIFFNESS)!r} else {each}'
 
 
 def universal_file(name: str, hook: str, terms: Sequence[Term], has_state: bool, on: FoundStructure) -> str:
     """The file of such an effect."""
     read = 's, p, m' if has_state else 's, p'
     arguments = 's, w, p, m' if has_state else 's, w, p'
-    value = f'p.c * value_of({read})'
     parts = [FILE_HEADER, STIFFNESS_IMPORT if hook == 'structure_force' else '']
     parts.append(choice_function('value_of', read, [numbered_text(t, 'value') for t in terms]))
     lines = [f'name={name!r},', f'port={hook!r},', "equation='any term',", "source='',", 'parameters=(']
     names = ('term', 'component', *(f'q_{k}' for k in range(MAX_SHAPES)))
     lines += [f"    Parameter({parameter!r}, 0.5, '-', (-1e15, 1e15), '')," for parameter in names]
     lines += ["    Parameter('c', 0.0, '-', (-1e15, 1e15), '', '', 0.0),", '),']
-    lines.append(f'kernel=lambda {arguments}: {return_expression(hook, on).replace("VALUE", value)},')
+    lines.append(f'kernel=lambda {arguments}: {return_expression(hook, f"p.c * value_of({read})", on)},')
     if has_state:
         parts.append(choice_function('rate_of', read, [numbered_text(t, 'rate') for t in terms]))
         parts.append(choice_function('start_of', 's, p', [numbered_text(t, 'start') for t in terms]))

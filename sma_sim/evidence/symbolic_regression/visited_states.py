@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.compiler.effect_kernels import pose_fields
+from sma_sim.compiler.effect_kernels import coordinate_fields
 from sma_sim.evidence.estimation.problem import Problem
 from sma_sim.evidence.estimation.residuals import model_columns
 from sma_sim.evidence.symbolic_regression.locations import EVERY_WIRE, Location
@@ -37,7 +37,6 @@ ARRAY_FUNCTIONS = {
 class VisitedStates:
     """One run as one wire (or the structure, or a channel) sees it: `fields` (k,) by the names of the kernels' state."""
 
-    run: str
     wire: int
     fields: Mapping[str, Vector]
 
@@ -56,7 +55,7 @@ def visited_by_wire(problem: Problem, z: Vector, wire: int = 0, every_sample: bo
         columns = model_columns(config, run, problem.nuisance(run, z[indices]))
         every = 1 if every_sample else max(1, len(run.time) // MAX_STATES_PER_RUN)
         fields = kernel_fields(run.time, columns, config, wire)
-        visited.append(VisitedStates(run.name, wire, {name: values[::every] for name, values in fields.items()}))
+        visited.append(VisitedStates(wire, {name: values[::every] for name, values in fields.items()}))
     return visited
 
 
@@ -75,8 +74,7 @@ def kernel_fields(time: Vector, columns: Mapping[str, Vector], config: Config, w
         fields['sigma'] = stresses_from_forces(config, columns)[f'stress{suffixes[wire]}']
         fields['F'] = columns[f'F{suffixes[wire]}_N'] / w.n
         fields['eps'] = strains_from_pose(config, columns)[f'strain{suffixes[wire]}']
-        names = pose_fields(structure)
-        for coordinate, name, rate in zip(structure.coordinates, names, names[len(structure.coordinates) :], strict=False):
+        for coordinate, (name, rate) in zip(structure.coordinates, coordinate_fields(structure).values(), strict=True):
             fields[name] = columns[coordinate.column]
             fields[rate] = np.gradient(fields[name], time)
     else:
@@ -87,8 +85,8 @@ def kernel_fields(time: Vector, columns: Mapping[str, Vector], config: Config, w
 def sensed_states(location: Location, problem: Problem, z: Vector, every_sample: bool = False) -> list[VisitedStates]:
     """The runs as the kernels of a sensor see them."""
     return [
-        VisitedStates(states.run, states.wire, {**states.fields, **sensor_fields(location, states, problem)})
-        for states in visited_by_wire(problem, z, wire_of_channel(location.channel), every_sample)
+        VisitedStates(states.wire, {**states.fields, **sensor_fields(location, states, problem)})
+        for states in visited_by_wire(problem, z, wire_of_channel(location.variable), every_sample)
     ]
 
 
@@ -111,10 +109,10 @@ def wire_of_channel(channel: str) -> int:
 
 def sensor_fields(location: Location, states: VisitedStates, problem: Problem) -> dict[str, Vector]:
     """What a sensor's effects see: the value of the channel, and its number."""
-    fields, w, channel = states.fields, wire_constants(problem.config.parameters), location.channel
+    fields, w, channel = states.fields, wire_constants(problem.config.parameters), location.variable
     structure = problem.config.structure.structure
     if channel in structure.coordinate_names:
-        value = fields[pose_fields(structure)[structure.coordinate_names.index(channel)]]
+        value = fields[coordinate_fields(structure)[channel][0]]
     elif channel.startswith('T'):
         value = fields['T']
     else:
