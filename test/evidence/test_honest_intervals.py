@@ -287,7 +287,7 @@ def test_an_effect_that_predicts_worse_is_not_found(monkeypatch, held_out, toget
     monkeypatch.setattr(conclusion, 'has_terms', lambda _: False)
     posterior = SimpleNamespace(best=SimpleNamespace(components=()), unlisted=0.0, overdispersion=1.0)
     last = replace(fit)
-    found = conclusion.conclusion([('nominal', fit), ('added', last)], posterior, data, None, SearchContext(None, Event()))
+    found = conclusion.conclusion([('nominal', fit), ('added', last)], posterior, data, SearchContext(None, Event()))
     assert found.verdict == verdict and (len(found.stages) > 2) == retracted
 
 

@@ -71,9 +71,7 @@ class HeldOutVerdict:
     error: float = field(default=float('nan'))
 
 
-def conclusion(
-    path: ModelPath, posterior: Posterior, data: StageData, options: FitOptions, context: SearchContext
-) -> Conclusion:
+def conclusion(path: ModelPath, posterior: Posterior, data: StageData, context: SearchContext) -> Conclusion:
     """Read the held-out runs once: they confirm the last model, or speak for an earlier one.
 
     Fitted runs may leave open what a model predicts. One that explains all runs when it is fitted to them, and else predicts
@@ -85,8 +83,9 @@ def conclusion(
     stages = [provisional_stage(data, name, one, context) for (name, _), one in zip(before, fits, strict=True)]
     stages.append(final_stage(data, kind, last, context))
     known = data.under(last, context)
-    if known.held_out and reaches_beyond_fitted(stages[-1], data.limit):
-        together = pooled_refit((known.training, known.held_out), last, stages[-1].predicted, options, context, data.limit)
+    fitted_explained = stages[-1].train <= max(CRITERIA.noise_only, fits_all(data.limit))
+    if fitted_explained and stages[-1].held_out > data.limit:
+        together = pooled_refit(known, last, stages[-1].predicted, context)
     pooled = None if together is None else together[1]
     explained = pooled is not None and pooled.explained(data.limit)
     is_worse, best = False, len(stages) - 1
@@ -104,10 +103,10 @@ def conclusion(
         last = as_fitted(path[best][1], context)
         stages.append(final_stage(data, 'retracted', last, context))
         return Conclusion('unknown_effect', last, tuple(stages), None)
-    if is_worse and together is not None and known.held_out:
+    if is_worse and together is not None:
         context.on_progress('fitting all runs with fewer components')
-        runs, earlier = (known.training, known.held_out), fits[best]
-        fewer = pooled_refit(runs, earlier, stages[best].predicted, options, context, data.limit)
+        earlier = fits[best]
+        fewer = pooled_refit(known, earlier, stages[best].predicted, context)
         more = sum(one.log_prior for one in posterior.best.components if one.effect and one.effect not in earlier.effects)
         k = posterior.overdispersion
         is_worse = fewer is None or evidence_score(together[0], more, k, context) < evidence_score(fewer[0], 0.0, k, context)
@@ -157,11 +156,6 @@ def with_held_out(
     values = [*(found.values[free.name] for free in problem.free), *[found.delay][: len(problem.shared) - len(problem.free)]]
     shared = [unknown.coordinate(value) for unknown, value in zip(problem.shared, values, strict=True)]
     return problem, point_with(problem, shared, (*found.runs, *predicted))
-
-
-def reaches_beyond_fitted(last: ModelStage, limit: float) -> bool:
-    """Whether the fitted runs are explained, and those held out are not."""
-    return last.train <= max(CRITERIA.noise_only, fits_all(limit)) and last.held_out > limit
 
 
 def verdict_of(last: ModelStage, pooled: PooledErrors | None, posterior: Posterior, limit: float) -> str:
@@ -434,40 +428,33 @@ class PooledErrors:
 
 
 def pooled_refit(
-    datasets: tuple[Dataset, Dataset],
-    last: FitResult,
-    predicted: Sequence[RunFit],
-    options: FitOptions,
-    context: SearchContext,
-    limit: float = CRITERIA.unexplained,
+    data: StageData, last: FitResult, predicted: Sequence[RunFit], context: SearchContext
 ) -> tuple[FitResult, PooledErrors] | None:
     """A model fitted to the training and the held-out runs, from where it is and where they are `predicted` to start.
 
-    The first of several fits that leaves no more than `limit` allows, else the first one. None where it cannot be run, or
-    was stopped.
+    The first of several fits that leaves nothing, else the first one. None where it cannot be run, or was stopped.
     """
-    training, held_out = datasets
-    both = replace(training, recordings=(*training.recordings, *held_out.recordings))
     first: tuple[FitResult, PooledErrors] | None = None
-    for fit in refits(both, last, predicted, options, context):
+    for fit in refits(data, last, predicted, context):
         if context.stop.is_set():
             return None
-        found = None if fit is None else (fit, errors_of(fit, training, context))
-        if found is not None and found[1].explained(limit):
+        found = None if fit is None else (fit, errors_of(fit, data.training, context))
+        if found is not None and found[1].explained(data.limit):
             return found
         first = first or found
     return first
 
 
 def refits(
-    both: Dataset, last: FitResult, predicted: Sequence[RunFit], options: FitOptions, context: SearchContext
+    data: StageData, last: FitResult, predicted: Sequence[RunFit], context: SearchContext
 ) -> Iterator[FitResult | None]:
     """Fits of the last model to all runs, one after the other as they are asked for; None for one that cannot be made.
 
     From where it is and where the held-out runs are `predicted` to start; from all starts of a fit; with an ambient
     temperature for each run, where these have none yet and their wires have a balance of heat.
     """
-    problem = replace(problem_for(both, last.problem.config, options, 1), free=last.problem.free)
+    both = pooled(data.training, data.held_out)
+    problem = replace(problem_for(both, last.problem.config, data.options, 1), free=last.problem.free)
     context.on_progress('fitting the held-out runs too')
     found = refit(problem, point_with(problem, last.z.tolist(), predicted), context, FROM_PRIORS)
     yield found
@@ -475,7 +462,7 @@ def refits(
     names = tuple(parameter.name for parameter in last.problem.free)
     try:
         start = PreparedFit(both, last.problem.config, curve_features(both), context.kinetics)
-        yield multistart_search(start, replace(options, free=names), context, FROM_PRIORS)
+        yield multistart_search(start, replace(data.options, free=names), context, FROM_PRIORS)
     except SimulationError:
         yield None
     if found is not None and all(run.ambient_std == 0.0 and run.starts for run in problem.runs):

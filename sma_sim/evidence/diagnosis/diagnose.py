@@ -327,7 +327,7 @@ def search_effects(
         path = [*path[: before + 1], with_all_runs(replace(posterior.best, fit=proposal.fit), nominal, 1.0, context)]
     kinds: list[StageKind] = ['added'] * len(path)
     kinds[0], kinds[-1] = 'nominal', 'nominal' if len(path) == 1 else 'formula' if proposal is not None else 'added'
-    end = conclusion(list(zip(kinds, path, strict=True)), posterior, data, options, context)
+    end = conclusion(list(zip(kinds, path, strict=True)), posterior, data, context)
     proposed = proposal if proposal is not None and end.stages[-1].kind == 'formula' else None
     similar = None
     if proposal is not None and not context.stop.is_set():
