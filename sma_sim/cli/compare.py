@@ -21,20 +21,20 @@ from sma_sim.cli.common.data import (
 )
 from sma_sim.cli.common.idle_effects import noted
 from sma_sim.cli.common.options import add_overriding_options, announce_first_compilation
-from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.residual_analysis.compare import compare
-from sma_sim.evidence.residual_analysis.metrics import ChannelScore, total_error
+from sma_sim.evidence.residual_analysis.metrics import total_error
 from sma_sim.evidence.residual_analysis.paired_comparison import ErrorChange, error_changes
 from sma_sim.evidence.residual_analysis.summary import Summary, summarize
 from sma_sim.model.config import Config, read_config
 from sma_sim.model.errors import UserError
 from sma_sim.model.shown import text_table
 from sma_sim.report.html.comparison_page import write_compare_page
-from sma_sim.words.comparison import comparison_result, spread_sentence
+from sma_sim.words.comparison import SCORE_HEADER, channel_row, comparison_result, score_groups, spread_sentence
 
 PAPER_LABEL, DEFAULT_LABEL = "the paper's values", 'the default values'
 OF_THE_PAPER = ('module', 'wire')
 MAX_LINES = 8  # of findings on the terminal; the report has all
+COLUMNS = 6  # of the scores that the terminal has room for
 
 
 def add_parser(verbs: Any) -> None:
@@ -102,7 +102,7 @@ def compare_text(summaries: Sequence[Summary], pairs: Sequence[ErrorChange]) -> 
         lines += [
             f'Compared {name} with the recordings; delay {delay:.3g} ms.',
             '',
-            text_table(SCORE_HEADER, channel_rows(summary)),
+            text_table(SCORE_HEADER[:COLUMNS], channel_rows(summary)),
             '',
             *finding_lines(summary),
             '',
@@ -110,35 +110,13 @@ def compare_text(summaries: Sequence[Summary], pairs: Sequence[ErrorChange]) -> 
     return '\n'.join([*lines, *(change.text for change in pairs)]).rstrip()
 
 
-SCORE_HEADER = ('channel', 'runs', 'RMSE', 'of range', 'over noise', 'whiteness p')
-
-
 def channel_rows(summary: Summary) -> list[tuple[str, ...]]:
     """A row per channel and kind of run, the totals last."""
     rows = []
     for kind, part in score_groups(summary):
-        rows += [channel_row(kind, score) for score in part]
+        rows += [channel_row(kind, score)[:COLUMNS] for score in part]
         rows.append(('all', kind, '', '', f'{total_error(part):.3f}', ''))
     return rows
-
-
-def score_groups(summary: Summary) -> list[tuple[str, list[ChannelScore]]]:
-    """Scores of fitted runs and of those held out, where there are any."""
-    held = list(summary.held_out.values())
-    first = ('fitted' if held else 'all', list(summary.fitted.values()))
-    return [first, ('held out', held)] if held else [first]
-
-
-def channel_row(kind: str, score: ChannelScore) -> tuple[str, ...]:
-    """One channel."""
-    return (
-        score.channel,
-        kind,
-        in_display_unit(score.channel, score.rmse),
-        score.share_text,
-        f'{score.over_noise:.3f}',
-        f'{score.whiteness.p:.2g}' if score.whiteness.p >= 1e-16 else '<1e-16',
-    )
 
 
 def finding_lines(summary: Summary) -> list[str]:

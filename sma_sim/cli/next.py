@@ -32,7 +32,14 @@ from sma_sim.model.errors import UserError
 from sma_sim.model.given import effect_folders_of
 from sma_sim.model.shown import text_table
 from sma_sim.report.html.design_page import write_design_page
-from sma_sim.words.experiment_design import channels_sentence, indistinguishable_sentences, plan_data
+from sma_sim.words.experiment_design import (
+    channels_sentence,
+    indistinguishable_sentences,
+    limits_table,
+    plan_data,
+    precision_table,
+    ratio_table,
+)
 
 
 def add_parser(verbs: Any) -> None:
@@ -130,15 +137,7 @@ def plan_text(plan: Plan, asked: Collection[str]) -> Iterator[str]:
     else:
         yield from precision_text(plan, asked)
     yield ''
-    reached = {
-        'power': (plan.reached['power'], plan.grid.power, 'W'),
-        'temperature': (plan.reached['temperature'], plan.limits.temperature, 'K'),
-        'stress': (1e-6 * plan.reached['stress'], 1e-6 * plan.limits.stress, 'MPa'),
-    }
-    yield text_table(
-        ('under every hypothesis and draw', 'reached', 'limit', 'unit', 'limit from'),
-        [(name, f'{x:.4g}', f'{most:.4g}', unit, plan.limits_from[name]) for name, (x, most, unit) in reached.items()],
-    )
+    yield text_table(*limits_table(plan))
     yield 'time above limits: none'
     yield from channels_text(plan)
     if plan.interrupted:
@@ -181,28 +180,13 @@ def rival_text(plan: Plan) -> Iterator[str]:
         ],
     )
     yield ''
-    yield text_table(
-        ('expected log evidence ratio if true', 'against', 'designed', 'default', 'times'),
-        [
-            (
-                ratio.true,
-                ratio.rival,
-                f'{ratio.designed:.4g}',
-                f'{ratio.default:.4g}',
-                f'{ratio.designed / ratio.default:.1f}' if ratio.default > 0.0 else '',
-            )
-            for ratio in plan.expected
-        ],
-    )
+    yield text_table(*ratio_table(plan))
     yield from indistinguishable_sentences(plan)
 
 
 def precision_text(plan: Plan, asked: Collection[str]) -> Iterator[str]:
     """How well parameters will be known; those `asked` for that a default sequence would tell better, and why."""
-    yield text_table(
-        ('standard deviation of', 'now', 'after a default', 'after the design', 'unit'),
-        [(p.name, *(f'{x:.3g}' for x in (p.now, p.default, p.designed)), p.shown_unit) for p in plan.precision],
-    )
+    yield text_table(*precision_table(plan))
     yield f'information on what was asked for: {plan.gain.designed:.2f} nat, {plan.gain.default:.2f} by a default sequence'
     worse = [p.name for p in plan.precision if p.name in asked and p.designed > p.default]
     if worse:

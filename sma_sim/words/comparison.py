@@ -6,10 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from sma_sim.evidence.residual_analysis.metrics import AT_NOISE
+from sma_sim.evidence.data.display_units import in_display_unit
+from sma_sim.evidence.residual_analysis.metrics import AT_NOISE, ChannelScore
 from sma_sim.evidence.residual_analysis.paired_comparison import ErrorChange
 from sma_sim.evidence.residual_analysis.summary import Summary
 from sma_sim.words.wire_tests import characterization_data
+
+SCORE_HEADER = ('channel', 'runs', 'RMSE', 'of range', 'over noise', 'whiteness p', 'neighbours', 'bias')
+LEAST_P = 1e-16  # that is told
 
 
 def comparison_data(summary: Summary) -> dict[str, Any]:
@@ -53,6 +57,27 @@ def comparison_result(
         'changes': [vars(change) for change in changes],
         'noise_std': noise_std,
     }
+
+
+def score_groups(summary: Summary) -> list[tuple[str, list[ChannelScore]]]:
+    """Scores of fitted runs and of those held out, where there are any."""
+    held = list(summary.held_out.values())
+    first = ('fitted' if held else 'all', list(summary.fitted.values()))
+    return [first, ('held out', held)] if held else [first]
+
+
+def channel_row(kind: str, score: ChannelScore) -> tuple[str, ...]:
+    """One channel of some runs, under SCORE_HEADER."""
+    return (
+        score.channel,
+        kind,
+        in_display_unit(score.channel, score.rmse),
+        score.share_text,
+        f'{score.over_noise:.3f}',
+        f'{score.whiteness.p:.2g}' if score.whiteness.p >= LEAST_P else f'<{LEAST_P:g}',
+        f'{score.whiteness.first:.2f}',
+        in_display_unit(score.channel, score.bias),
+    )
 
 
 def spread_sentence(summary: Summary) -> str:

@@ -1,4 +1,4 @@
-"""A design as plain data for programs, and what it cannot decide in words for people."""
+"""A design as plain data for programs, and in tables and sentences for people."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from sma_sim.evidence.experiment_design.further_channels import FurtherChannel
 from sma_sim.evidence.experiment_design.plan import ParameterPrecision, Plan
 from sma_sim.evidence.experiment_design.rival_fits import ModelHypothesis
 from sma_sim.evidence.experiment_design.sequences import as_rows
+
+TextTable = tuple[Sequence[str], Sequence[Sequence[str]]]  # header and rows
 
 
 def plan_data(plan: Plan) -> dict[str, Any]:
@@ -67,6 +69,38 @@ def precision_data(parameter: ParameterPrecision) -> dict[str, Any]:
         'log': parameter.log,
         'unit': parameter.unit,
     }
+
+
+def ratio_table(plan: Plan) -> TextTable:
+    """How strong the evidence is expected to be, designed and by default."""
+    rows = [
+        (
+            ratio.true,
+            ratio.rival,
+            f'{ratio.designed:.4g}',
+            f'{ratio.default:.4g}',
+            f'{ratio.designed / ratio.default:.1f}' if ratio.default > 0.0 else '',
+        )
+        for ratio in plan.expected
+    ]
+    return ('expected log evidence ratio if true', 'against', 'designed', 'default', 'times'), rows
+
+
+def precision_table(plan: Plan) -> TextTable:
+    """Standard deviations of the parameters."""
+    rows = [(p.name, *(f'{std:.3g}' for std in (p.now, p.default, p.designed)), p.shown_unit) for p in plan.precision]
+    return ('standard deviation of', 'now', 'after a default', 'after the design', 'unit'), rows
+
+
+def limits_table(plan: Plan) -> TextTable:
+    """What was reached under any hypothesis and draw of its posterior."""
+    reached = {
+        'power': (plan.reached['power'], plan.grid.power, 'W'),
+        'temperature': (plan.reached['temperature'], plan.limits.temperature, 'K'),
+        'stress': (1e-6 * plan.reached['stress'], 1e-6 * plan.limits.stress, 'MPa'),
+    }
+    rows = [(name, f'{x:.4g}', f'{most:.4g}', unit, plan.limits_from[name]) for name, (x, most, unit) in reached.items()]
+    return ('under every hypothesis and draw', 'reached', 'limit', 'unit', 'limit from'), rows
 
 
 def indistinguishable_sentences(plan: Plan) -> Iterator[str]:

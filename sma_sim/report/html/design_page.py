@@ -15,10 +15,17 @@ from sma_sim.evidence.experiment_design.sequences import as_rows
 from sma_sim.report.html.figures import add_curve, new_figure, small
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Provenance, Section, Table, write_page
 from sma_sim.report.palette import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY
-from sma_sim.words.experiment_design import channels_sentence, indistinguishable_sentences
+from sma_sim.words.experiment_design import (
+    channels_sentence,
+    indistinguishable_sentences,
+    limits_table,
+    precision_table,
+    ratio_table,
+)
 
 HYPOTHESIS_COLOURS = (BLUE, RED, GREEN, PURPLE, SKY, GREY)
 BAND = 2.0  # standard deviations
+RATIO_CAPTION = 'Natural logarithms; 3 is odds of 20 to 1. Default: the mean of several sequences of random steps.'
 COMMAND_HEIGHT, CHANNEL_HEIGHT = 110, 125  # [px]
 
 
@@ -27,16 +34,17 @@ def write_design_page(
 ) -> None:
     """The page of a design and of what its hypotheses predict. Raises UserError."""
     if plan.discriminates:
-        expected = [*lead(plan), rival_table(plan), Bullets(list(indistinguishable_sentences(plan)))]
+        ratios = Table(*ratio_table(plan), RATIO_CAPTION)
+        expected = [*lead(plan), ratios, Bullets(list(indistinguishable_sentences(plan)))]
         first = Section('What the experiment is expected to tell', expected)
     else:
-        first = Section('What to know better', [*lead(plan), precision_table(plan)])
+        first = Section('What to know better', [*lead(plan), Table(*precision_table(plan))])
     sections = [first, Section('The sequence', [prediction_plot(plan, curves)])]
     if plan.discriminates:
         sections.append(Section('What a refitted rival cannot follow', [remainder_plot(plan, curves)]))
     if plan.further_channels:
         sections.append(Section('One sensor more', [*further_blocks(plan)]))
-    sections.append(Section('Limits', [limits_table(plan)]))
+    sections.append(Section('Limits', [Table(*limits_table(plan))]))
     names = ' or '.join(hypothesis.name for hypothesis in plan.hypotheses)
     write_page(path, f'Next experiment: {names}' if plan.discriminates else 'Next experiment', sections, provenance)
 
@@ -49,24 +57,6 @@ def lead(plan: Plan) -> Iterator[Block]:
         f'the best of {plan.evaluated} sequences.',
         'lead',
     )
-
-
-def rival_table(plan: Plan) -> Block:
-    """Expected evidence, designed and default."""
-    rows = [
-        (f'{ratio.true} against {ratio.rival}', f'{ratio.designed:.4g}', f'{ratio.default:.4g}') for ratio in plan.expected
-    ]
-    caption = (
-        'Expected log evidence ratio, natural, if the first is true; 3 is odds of 20 to 1. '
-        'Default: the mean of several sequences of random steps.'
-    )
-    return Table(('if true, against', 'designed', 'default'), rows, caption)
-
-
-def precision_table(plan: Plan) -> Block:
-    """Standard deviations of the parameters."""
-    rows = [(p.name, *(f'{std:.3g}' for std in (p.now, p.default, p.designed)), p.shown_unit) for p in plan.precision]
-    return Table(('standard deviation of', 'now', 'after a default', 'after the design', 'unit'), rows)
 
 
 def further_blocks(plan: Plan) -> Iterator[Block]:
@@ -86,17 +76,6 @@ def further_blocks(plan: Plan) -> Iterator[Block]:
         'the first is true, or information [nat] on the parameters. Linearized; nothing was measured.'
     )
     yield Table(('sensor', 'noise', *(pairs or ('information [nat]',))), rows, caption)
-
-
-def limits_table(plan: Plan) -> Block:
-    """What was reached under any hypothesis and draw of its posterior."""
-    reached, limits = plan.reached, plan.limits
-    rows = [
-        ('power', f'{reached["power"]:.4g} W', f'{plan.grid.power:.4g} W', plan.limits_from['power']),
-        ('temperature', f'{reached["temperature"]:.1f} K', f'{limits.temperature:.1f} K', plan.limits_from['temperature']),
-        ('stress', f'{1e-6 * reached["stress"]:.1f} MPa', f'{1e-6 * limits.stress:.1f} MPa', plan.limits_from['stress']),
-    ]
-    return Table(('of a wire', 'reached', 'limit', 'limit from'), rows, 'Under every hypothesis and draw of its posterior.')
 
 
 def prediction_plot(plan: Plan, curves: Sequence[HypothesisCurves]) -> Plot:

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-from sma_sim.evidence.data.display_units import in_display_unit
-from sma_sim.evidence.residual_analysis.metrics import ChannelScore
 from sma_sim.evidence.residual_analysis.summary import Summary
 from sma_sim.report.html.figures import HELD_OUT, SHOWN, new_figure
 from sma_sim.report.html.page import Block, Paragraph, Plot, Section, Table
 from sma_sim.report.palette import GREY
-
-SCORE_HEADER = ('channel', 'runs', 'RMSE', 'of range', 'over noise', 'bias', 'white? p', 'neighbours')
+from sma_sim.words.comparison import SCORE_HEADER, channel_row, score_groups
 
 
 def summary_section(summary: Summary) -> Section:
@@ -24,7 +19,7 @@ def summary_section(summary: Summary) -> Section:
     note = (
         'Normalized RMSE is the root mean square of measured - model, divided by the noise of the sensor: 1 is as near as '
         'a model can be. Whiteness is the p-value of Ljung and Box over 20 lags: small means that residuals follow each '
-        'other (last column: correlation of neighbours), so something is missing in the model or in the measurement.'
+        'other (neighbours: their correlation), so something is missing in the model or in the measurement.'
     )
     rows = [channel_row(kind, score) for kind, part in score_groups(summary) for score in part]
     blocks: list[Block] = [
@@ -42,42 +37,21 @@ def count(runs: int) -> str:
     return f'{runs} run' + ('' if runs == 1 else 's')
 
 
-def score_groups(summary: Summary) -> list[tuple[str, Sequence[ChannelScore]]]:
-    """Scores of the fitted runs, and of those held out."""
-    return [('fitted', list(summary.fitted.values())), ('held out', list(summary.held_out.values()))]
-
-
 def score_figure(summary: Summary) -> object:
     """Normalized RMSE by channel."""
     figure = new_figure()
-    for (kind, part), colour in zip(score_groups(summary), (SHOWN, HELD_OUT), strict=True):
-        if part:
-            figure.add_bar(
-                x=[score.channel for score in part],
-                y=[round(score.over_noise, 4) for score in part],
-                name=kind,
-                marker_color=colour,
-                hovertemplate='%{x}: %{y:.3f} x noise',
-            )
+    for (kind, part), colour in zip(score_groups(summary), (SHOWN, HELD_OUT), strict=False):
+        figure.add_bar(
+            x=[score.channel for score in part],
+            y=[round(score.over_noise, 4) for score in part],
+            name=kind,
+            marker_color=colour,
+            hovertemplate='%{x}: %{y:.3f} x noise',
+        )
     figure.add_hline(y=1.0, line={'color': GREY, 'dash': 'dot'})
     figure.update_layout(barmode='group', bargap=0.35)
     figure.update_yaxes(title_text='normalized RMSE', rangemode='tozero')
     return figure
-
-
-def channel_row(kind: str, score: ChannelScore) -> tuple[str, ...]:
-    """One channel."""
-    white = score.whiteness
-    return (
-        score.channel,
-        kind,
-        in_display_unit(score.channel, score.rmse),
-        score.share_text,
-        f'{score.over_noise:.3f}',
-        in_display_unit(score.channel, score.bias),
-        f'{white.p:.2g}' if white.p >= 1e-16 else '< 1e-16',
-        f'{white.first:.2f}',
-    )
 
 
 def run_table(summary: Summary) -> Table:
