@@ -35,6 +35,7 @@ WORDS: Mapping[Any, str] = {
     os.PathLike: 'a path',
     Executor: 'an executor such as ThreadPoolExecutor()',
 }
+LIKE: Mapping[Any, Any] = {Path: (str, os.PathLike), bool: (bool, np.bool_)}  # what is taken in place of a type
 Function = TypeVar('Function', bound=Callable[..., Any])
 MAX_SHOWN = 60  # characters of a value in a message
 
@@ -110,11 +111,14 @@ def is_like(value: Any, hint: Any) -> bool:
         return value is not None  # `as_array` says what is no number
     if isinstance(origin, type) and issubclass(origin, Iterable):
         return is_like_several(value, inner[0] if inner else Any)
-    simple = {float: is_number, int: is_whole, Path: is_path, str: is_text, bool: is_truth, Executor: is_executor}
-    if hint in simple:
-        return simple[hint](value)
-    kind = origin or hint
-    return not isinstance(kind, type) or getattr(kind, '_is_protocol', False) or isinstance(value, kind)
+    if hint is float:
+        return is_number(value)
+    if hint is int:
+        return isinstance(value, Integral) and not isinstance(value, bool)
+    if hint is Executor:
+        return hasattr(value, 'submit')
+    kind = LIKE.get(hint, origin or hint)
+    return not isinstance(kind, type | tuple) or getattr(kind, '_is_protocol', False) or isinstance(value, kind)
 
 
 def is_like_several(value: Any, hint: Any) -> bool:
@@ -123,31 +127,6 @@ def is_like_several(value: Any, hint: Any) -> bool:
         return False
     numbers = hint is float or isinstance(value, np.ndarray) or not isinstance(value, Sized)
     return numbers or all(is_like(one, hint) for one in value)
-
-
-def is_whole(value: object) -> bool:
-    """Whether a value is a whole number."""
-    return isinstance(value, Integral) and not isinstance(value, bool)
-
-
-def is_path(value: object) -> bool:
-    """Whether a value names a file."""
-    return isinstance(value, str | os.PathLike)
-
-
-def is_text(value: object) -> bool:
-    """Whether a value is a text."""
-    return isinstance(value, str)
-
-
-def is_truth(value: object) -> bool:
-    """Whether a value is true or false."""
-    return isinstance(value, bool | np.bool_)
-
-
-def is_executor(value: object) -> bool:
-    """Whether work can be submitted to a value."""
-    return hasattr(value, 'submit')
 
 
 def words_of(hint: Any) -> str:

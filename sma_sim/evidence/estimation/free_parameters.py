@@ -16,9 +16,7 @@ BOUND_STDS = 5.0  # bounds of a fit, in standard deviations of the prior
 MAX_PRIOR_STDS = 0.8  # by which a length or a temperature may differ from nominal, in standard deviations of its prior
 GIVEN_STDS = 3.0  # the same of a value whose standard deviation was given
 REACH = 2.5  # of the logarithm of a material parameter, by which a fit may move it: a factor of 12
-PLAUSIBLE = math.log(
-    1.5
-)  # of the logarithm, by which it may differ from the nominal value: robots of one design differ by less
+PLAUSIBLE = math.log(1.5)  # by which a logarithm may differ from the nominal value: robots of one design differ by less
 INSTANT_STD = 300.0  # [s] of the prior of an instant: it is anywhere in a recording
 PRIOR_STD = 0.5  # of the prior of a material parameter: weak beside the data, strong enough where data are blind
 # Relative standard deviations of priors where nothing is said of how well a value is known.
