@@ -22,12 +22,12 @@ import yaml
 from sma_sim.challenge.answer import Answer, answer_from
 from sma_sim.challenge.make import Challenge
 from sma_sim.challenge.robot import REST_DURATION
-from sma_sim.challenge.truth import Vector
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Recording
 from sma_sim.evidence.data.rosbag.run_writer import write_mcap
 from sma_sim.evidence.data.sources import META_FILE
 from sma_sim.evidence.data.tables import write_columns
 from sma_sim.model.argument_checks import checked
+from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.nearest import suggestion

@@ -11,9 +11,10 @@ import numpy as np
 from sma_sim.challenge.answer import Answer, HiddenEffect
 from sma_sim.challenge.draw import UNCERTAIN_PARAMETERS, draw_parameters, draw_random_command, draw_truths
 from sma_sim.challenge.robot import NOISE_STD, BrokenRobot, Hidden, Robot
-from sma_sim.challenge.truth import Truth, Vector
+from sma_sim.challenge.truth import Truth
 from sma_sim.evidence.data.recording import Dataset, Recording
 from sma_sim.model.argument_checks import check_fields, checked
+from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config, default_parameters
 from sma_sim.model.effects.discovery import package_effects
 from sma_sim.model.errors import UserError

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sma_sim.challenge.truth import Truth, Vector
+from sma_sim.challenge.truth import Truth
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
+from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.solver.inputs import Input

@@ -16,14 +16,13 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 import sma_sim.challenge.truths as package
+from sma_sim.model.arrays import Vector
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.parameters import Parameter
 
-Vector = NDArray[np.float64]
 Channels = Mapping[str, Vector]
 Values = Mapping[str, float]
 Sensor = Callable[[Vector, Channels, Values], dict[str, Vector]]

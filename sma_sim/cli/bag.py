@@ -13,7 +13,8 @@ from sma_sim.cli.common.recorded_parameters import recorded_parameters
 from sma_sim.evidence.data.rosbag.raw_messages import open_bag, repair
 from sma_sim.evidence.data.rosbag.reader import read_bag
 from sma_sim.evidence.data.rosbag.run_writer import interface_of_columns, write_mcap
-from sma_sim.evidence.data.tables import Vector, check_writable, read_columns, read_header, write_columns
+from sma_sim.evidence.data.tables import check_writable, read_columns, read_header, write_columns
+from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
 
 

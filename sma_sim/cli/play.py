@@ -18,7 +18,8 @@ from sma_sim.evidence.data.rosbag.bag_files import is_bag
 from sma_sim.evidence.data.rosbag.interface import PAIR_COMMAND, Interface, interface_of
 from sma_sim.evidence.data.rosbag.reader import interface_of_robot, read_bag
 from sma_sim.evidence.data.rosbag.run_writer import interface_of_columns
-from sma_sim.evidence.data.tables import Vector, read_header
+from sma_sim.evidence.data.tables import read_header
+from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
 from sma_sim.model.program_parameters import DEFAULTS
 from sma_sim.model.progress import ProgressLine

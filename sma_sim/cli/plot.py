@@ -9,7 +9,8 @@ from typing import Any
 from sma_sim.cli.common.commands import add_command
 from sma_sim.cli.common.options import add_namespace_option
 from sma_sim.evidence.data.rosbag.bag_files import is_bag
-from sma_sim.evidence.data.tables import Vector, check_writable, read_columns, read_header
+from sma_sim.evidence.data.tables import check_writable, read_columns, read_header
+from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
 from sma_sim.report.run_figure import draw_run
 from sma_sim.report.run_panels import is_drawn, is_held

@@ -15,7 +15,8 @@ from sma_sim.cli.common.options import add_config_options, add_namespace_option,
 from sma_sim.cli.common.recorded_parameters import config_for_replay
 from sma_sim.evidence.data.rosbag.bag_files import is_bag
 from sma_sim.evidence.data.rosbag.run_writer import write_mcap
-from sma_sim.evidence.data.tables import Vector, check_writable, write_columns, write_rows
+from sma_sim.evidence.data.tables import check_writable, write_columns, write_rows
+from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.errors import PhysicsWarning, UserError
 from sma_sim.model.progress import ProgressLine

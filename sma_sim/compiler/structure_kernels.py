@@ -8,15 +8,14 @@ from types import FunctionType
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.compiler.compile import Compiler, carray, code_of, content_key, first_lines_of, write_source
+from sma_sim.model.arrays import Vector
 from sma_sim.model.layout import O_DEPS, O_DL, O_EPS, O_F, O_LENGTH, O_RATIO, O_V, RANGE
 from sma_sim.model.parameters import is_number
 from sma_sim.model.structures.discovery import FoundStructure, StructureError
 from sma_sim.model.structures.structure import Place, Structure, numbers, record
 
-Vector = NDArray[np.float64]
 SERIES = 'QVF'  # letters of the coordinates, their rates and the forces of all segments in series
 STEP = 1e-2  # of the differences of lengths, relative to the scale of a coordinate
 WEIGHTS = (45.0 / 60.0, -9.0 / 60.0, 1.0 / 60.0)  # of sixth order: at this step their error is rounding

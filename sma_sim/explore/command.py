@@ -11,17 +11,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.data.tables import read_columns
 from sma_sim.explore.request_values import number
+from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import wire_constants
 from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.inputs import Input
 
-Vector = NDArray[np.float64]
 KINDS = ('steps', 'sine', 'file')
 SINE_POINTS = 64  # per period
 MAX_ROWS, LONGEST, MAX_TEXT = 20_000, 1e6, 20_000_000  # rows, [s], characters of a file

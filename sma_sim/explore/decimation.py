@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-Vector = NDArray[np.float64]
+from sma_sim.model.arrays import Vector
 
 
 def decimated(time: Vector, values: Vector, pixels: int) -> NDArray[np.int64]:

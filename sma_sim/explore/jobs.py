@@ -17,16 +17,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.residuals import Nuisance
 from sma_sim.explore.lock import is_locked
+from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.files import whole_file
 from sma_sim.words.json_values import write_json
 
-Vector = NDArray[np.float64]
 JOBS, REQUEST, STATE, EVENTS, LOG, LOCK, STOP = (
     'jobs',
     'request.json',

@@ -15,7 +15,6 @@ from threading import Lock
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.data.display_units import DISPLAY_UNITS
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording, in_order
@@ -28,11 +27,11 @@ from sma_sim.explore.decimation import decimated
 from sma_sim.explore.packing import Numbers
 from sma_sim.explore.request_values import json_number
 from sma_sim.explore.stages import Engine
+from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config, flat_parameters
 from sma_sim.model.errors import UserError
 from sma_sim.report.run_panels import curve_of
 
-Vector = NDArray[np.float64]
 Nuisances = dict[str, Nuisance]
 KEPT = 4  # models whose runs are kept for the next closer look
 SETTLED_KEPT = 50  # models whose delay and starts are kept

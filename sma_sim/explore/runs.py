@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.residual_analysis.wire_states import wires_of
 from sma_sim.explore.command import Command, input_of
 from sma_sim.explore.decimation import decimated, where_it_moves
 from sma_sim.explore.packing import Numbers
+from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.structures.drawing import Sketch, projected
 from sma_sim.model.structures.structure import Coordinate
@@ -23,7 +23,6 @@ from sma_sim.solver.model import Model
 from sma_sim.solver.simulate import simulate
 from sma_sim.solver.wire_columns import strains_from_pose, stresses_from_forces
 
-Vector = NDArray[np.float64]
 RATE, MAX_SAMPLES = 50.0, 20_000  # samples per second, and in a run at most
 LOOP_SAMPLES, FRAMES = 1500, 160
 LOOP_COLUMNS = (('T', '_K'), ('x_M', ''), ('F', '_N'), ('stress', '_Pa'), ('strain', ''))  # of a wire, without its number

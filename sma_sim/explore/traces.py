@@ -12,10 +12,10 @@ from sma_sim.evidence.residual_analysis.compare import ComparedRun, Comparison
 from sma_sim.evidence.residual_analysis.strata import dimensions
 from sma_sim.evidence.residual_analysis.wire_states import wires_of
 from sma_sim.explore.jobs import Job
+from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 
-Vector = NDArray[np.float64]
 Curves = dict[str, dict[str, Vector]]
 MIN_SAMPLES = 5  # of a part that can be told from noise
 MIN_SHARE = 0.05  # of the samples: less is not named

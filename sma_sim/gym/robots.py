@@ -6,11 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.gym.task import AHEAD, EFFORT, LARGEST, Task, nominal_model
+from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.solver.columns import sample_columns
 from sma_sim.solver.side_by_side import SideBySide
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 
 class Robots:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.gym.posterior import Posterior
+from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.nearest import suggestion
@@ -18,7 +19,6 @@ from sma_sim.solver.effect_table import channel_scales
 from sma_sim.solver.fixed_rate import FixedRateRun
 from sma_sim.solver.model import Model
 
-Vector = NDArray[np.float64]
 SETTLED = 10.0  # [s] of full heating, after which the ends of the range are read
 INNER = 0.1  # of the range, which targets leave free at either end: there only full heating, or none, would do
 RAMP = 1.0  # [s] in which the target goes from one level to the next

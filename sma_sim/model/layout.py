@@ -7,11 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.effects.ports import EffectTable
 from sma_sim.model.parameters import WireConstants
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 Modes = NDArray[np.int64]
 
 # Columns of `obs`, a row per wire: what the flow finds on its way; O_RATIO is l0 deps/dl, 1 of a straight wire; from O_DL

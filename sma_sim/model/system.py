@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from sma_sim.model.arrays import Vector
 from sma_sim.model.automaton import ABOVE_A, BELOW_M, EMPTY, FALLING, FULL, TO_AUSTENITE, TO_MARTENSITE
 from sma_sim.model.effects.calls import (
     add_rates,
@@ -49,7 +50,6 @@ from sma_sim.model.layout import (
     InputPoint,
     System,
     SystemState,
-    Vector,
 )
 from sma_sim.model.material import heat_capacity, latent_heat
 from sma_sim.model.transformation import HeatBalance, fraction_rate, phase_and_stress

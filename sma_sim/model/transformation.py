@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from sma_sim.model.arrays import Vector
 from sma_sim.model.automaton import TO_AUSTENITE, TO_MARTENSITE
 from sma_sim.model.effects.ports import (
     S_DX,
@@ -24,20 +25,7 @@ from sma_sim.model.effects.ports import (
     EffectTable,
     call_effect,
 )
-from sma_sim.model.layout import (
-    O_DEPS,
-    O_EPS,
-    O_LENGTH,
-    O_RATIO,
-    O_S_A,
-    O_S_M,
-    O_SIGMA,
-    O_STRAIN,
-    O_X,
-    System,
-    SystemState,
-    Vector,
-)
+from sma_sim.model.layout import O_DEPS, O_EPS, O_LENGTH, O_RATIO, O_S_A, O_S_M, O_SIGMA, O_STRAIN, O_X, System, SystemState
 from sma_sim.model.material import compliance, fraction_at_stress, sigma_A, sigma_M, stress
 
 # One-sided difference steps for what effects add: small beside any feature, large beside rounding.

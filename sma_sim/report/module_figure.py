@@ -7,14 +7,13 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from sma_sim.model.arrays import Vector
 from sma_sim.model.parameters import BeamConstants
 from sma_sim.model.structures.geometry import shape_of
 from sma_sim.report.palette import BLUE, GREY, MODE_COLOURS, ORANGE
 from sma_sim.report.style import mode_legend, plain_axes, sized_figure
 
-Vector = NDArray[np.float64]
 ANGLE_SCALE = 3.0  # angles and deflections are drawn larger than they are
 
 

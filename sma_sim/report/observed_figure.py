@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from sma_sim.evidence.data.display_units import ZERO_CELSIUS
 from sma_sim.evidence.data.recording import Recording
+from sma_sim.model.arrays import Vector
 from sma_sim.report.run_figure import panel_legend
 from sma_sim.report.run_panels import COLOURS
 from sma_sim.report.style import axes_of, draw_modes, sized_figure
 
-Vector = NDArray[np.float64]
 INTERVAL = 1.96  # standard deviations
 PANELS = (  # name and unit of columns; factor, offset and label of what is shown
     ('T', '_K', 1.0, -ZERO_CELSIUS, 'T [deg C]'),

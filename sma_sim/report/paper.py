@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from sma_sim.model.arrays import Vector
 from sma_sim.report.palette import BLUE, GREY, RED
 from sma_sim.report.run_figure import draw_run, panel_legend
 from sma_sim.report.style import plain_axes, save, sized_figure
@@ -35,7 +36,6 @@ from sma_sim.solver.paper_experiments import (
     SineResponse,
     StressStrainLoop,
     Timing,
-    Vector,
 )
 
 PAPER_SECONDS = {'hybrid': 1.75, 'mas': 8.66}  # per run, section IV.B

@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
 from sma_sim.report.run_panels import MODE_COLUMN, WITH_LEGEND, Panel, is_held, panels_of
 from sma_sim.report.style import axes_of, draw_modes, sized_figure
 
-Vector = NDArray[np.float64]
 PANEL_HEIGHT = 1.4  # [inch]
 EXPECTED = (
     'alpha_rad and other coordinates in m or rad, T_1_K, ..., F_1_N, ..., x_M_1, ..., mode_1, ..., J_eq_W, J_W, J_1_W, ..., '

@@ -11,13 +11,11 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, FigureBase
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
+from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
 from sma_sim.model.files import whole_file
 from sma_sim.report.palette import MODE_COLOURS, MODE_NAMES
-
-Vector = NDArray[np.float64]
 
 DPI = 120
 LegendPosition = Literal['outside lower center', 'outside upper center']

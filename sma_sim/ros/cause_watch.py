@@ -7,14 +7,13 @@ import threading
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from numpy.typing import NDArray
 from rclpy.node import Node
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from sma_sim.evidence.monitoring.live_model import ComparedSample
+from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.ros.messages import stamp_of
 from sma_sim.ros.qos import LAST_FEW, make_publisher
@@ -23,7 +22,6 @@ from sma_sim.words.json_values import finite
 if TYPE_CHECKING:  # a check runs without the packages that a diagnosis needs
     from sma_sim.evidence.monitoring.live_diagnosis import LiveDiagnosis, LiveFinding
 
-Vector = NDArray[np.float64]
 SERVICE, PERIOD = '~/propose_command', 'check.diagnosis_period'
 
 

@@ -26,6 +26,7 @@ from sma_sim.evidence.monitoring.live_model import (
     LiveModel,
     RunningError,
 )
+from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.ros.cause_watch import CauseWatch
@@ -44,7 +45,6 @@ from sma_sim.solver.simulate import SimulationError
 if TYPE_CHECKING:
     from sma_sim.evidence.monitoring.live_diagnosis import LiveFinding
 
-Vector = NDArray[np.float64]
 
 POLL_PERIOD = 0.005  # [s] between two looks for samples
 AT_REST = 'Zero of a sensor, gravity or another load, or initial.*?'  # what is wrong then

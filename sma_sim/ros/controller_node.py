@@ -15,7 +15,6 @@ from collections import deque
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rclpy.node import Node
 from std_msgs.msg import Float64, Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
@@ -38,7 +37,6 @@ from sma_sim.ros.qos import LAST_FEW, make_publisher, make_subscription
 from sma_sim.ros.robot_subscriptions import MAX_DELAY, RobotSubscriptions, Sample, robot_topics
 from sma_sim.solver.simulate import SimulationError
 
-Vector = NDArray[np.float64]
 Law = PredictiveController | FeedforwardPI
 LAWS: dict[str, type[Law]] = {'predictive': PredictiveController, 'feedforward': FeedforwardPI}
 POLL_PERIOD = 0.002  # [s] between two looks for samples

@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.utilities import get_rmw_implementation_identifier
 from sensor_msgs.msg import JointState, Temperature
@@ -30,6 +29,7 @@ from sma_sim.evidence.data.display_units import ZERO_CELSIUS
 from sma_sim.evidence.data.rosbag.interface import PAIR_COMMAND, interface_of
 from sma_sim.evidence.state_estimation.estimate import Estimate
 from sma_sim.evidence.state_estimation.guard import Counters, Decision, Guard
+from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.structure import numbers, record
@@ -46,7 +46,6 @@ from sma_sim.ros.robot_subscriptions import SENSOR_QOS, arrival_of, wire_names
 from sma_sim.ros.transport import late_commands
 from sma_sim.solver.model import Model
 
-Vector = NDArray[np.float64]
 POLL_PERIOD = 0.002  # [s] between two looks for messages
 REPEAT_PERIOD = 0.05  # [s] between two commands of zero
 AGAIN_AFTER = 1.0  # [s] after which the end of an intervention is said, and another one of its kind anew

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BPoly
 
-Vector = NDArray[np.float64]
+from sma_sim.model.arrays import Vector
+
 INVALID_GOAL, INVALID_JOINTS, OLD_HEADER_TIMESTAMP = 'INVALID_GOAL', 'INVALID_JOINTS', 'OLD_HEADER_TIMESTAMP'
 
 

@@ -24,8 +24,8 @@ from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config, read_config
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.structure import Structure
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from sma_sim.evidence.monitoring.live_diagnosis import LiveFinding
     from sma_sim.solver.model import Model
 
-Vector = NDArray[np.float64]
 
 PROGRAM = Program(
     'sma_live_feed', 'Prints the model beside a robot as lines of JSON.', 'check.noise_alpha:=1.0e-3', ('environment.T_E',)

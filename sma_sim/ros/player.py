@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import rclpy
-from numpy.typing import NDArray
 from std_msgs.msg import Float64, Float64MultiArray
 
+from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
 from sma_sim.ros.command_session import CommandSession
 
@@ -18,7 +18,6 @@ PLAYER_NODE = 'sma_play'
 REPEAT_PERIOD = 0.1  # [s] after which a held command is sent again, so that no timeout turns the heating off
 LISTENER_TIMEOUT = 10.0  # [s] for a subscriber to appear
 
-Vector = NDArray[np.float64]
 Commands = Mapping[str, Vector]  # by topic: one number per time (k,), or one for each wire (k, w)
 
 

@@ -15,7 +15,6 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -25,6 +24,7 @@ from std_msgs.msg import Float64, Float64MultiArray
 from sma_sim.evidence.data.display_units import ZERO_CELSIUS
 from sma_sim.evidence.data.rosbag.interface import APPLIED, PAIR_COMMAND, RESISTANCES, interface_of
 from sma_sim.evidence.monitoring.live_model import InputChange
+from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.program_parameters import DEFAULTS
@@ -34,7 +34,6 @@ from sma_sim.ros.control import DIAGNOSTICS_PERIOD
 from sma_sim.ros.qos import LATEST
 from sma_sim.ros.robot_clock import RobotClock
 
-Vector = NDArray[np.float64]
 Queue = deque[tuple[int, Any]]
 
 REMINDER_PERIOD = 10.0  # [s] between two warnings of what lasts

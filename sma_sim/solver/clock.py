@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.model.arrays import Vector
 from sma_sim.solver.model import Model
 
-Vector = NDArray[np.float64]
 Segments = tuple[Vector, NDArray[np.float64], NDArray[np.float64]]
 
 

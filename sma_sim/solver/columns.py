@@ -8,13 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.errors import UserError
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.structures.structure import WIRE_STATES, Structure
 from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 STATE_COLUMNS = tuple(name for name, _ in WIRE_STATES)
 
 

@@ -6,8 +6,8 @@ import warnings
 from contextlib import suppress
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import PhysicsWarning
 from sma_sim.model.layout import O_S_A, O_S_M, Evaluation, InputPoint
 from sma_sim.model.material import heat_capacity
@@ -17,7 +17,6 @@ from sma_sim.solver.inputs import Input
 from sma_sim.solver.integrate import COMPLETED, RATE_NOT_FINITE, REASONS, STALLED, STEP_UNDERFLOW, Run
 from sma_sim.solver.model import Model, new_findings
 
-Vector = NDArray[np.float64]
 NARROW = 1e5  # [Pa]: a hysteresis that has nearly closed
 MELTING_POINT = 1583.0  # [K] of NiTi: 1310 deg C (Massalski, Binary Alloy Phase Diagrams, 1990)
 COLD = 150.0  # [K]: no robot's surroundings; degrees Celsius that were given as kelvin are below

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.automaton import AUSTENITE, INNER, MARTENSITE, TO_AUSTENITE, TO_MARTENSITE
 from sma_sim.model.effects.calls import fill_kernel_state, start_states
 from sma_sim.model.layout import O_S_A, O_S_M, O_SIGMA, O_X, InputPoint, System, SystemState
 from sma_sim.model.system import ambient_temperature, flow
 from sma_sim.solver.linear import invert, multiply
-from sma_sim.solver.work import Matrix, Vector, Work, copy_into
+from sma_sim.solver.work import Work, copy_into
 
 NEWTON_STEPS, MAX_UPDATES = 50, 200
 SETTLED = 1e-2  # change of first values relative to the difference steps: 1e-9 of their size

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from sma_sim.model.arrays import Matrix
 from sma_sim.model.automaton import EDGES, GUARD_NAMES, TO_AUSTENITE, TO_MARTENSITE, frozen_fraction
 from sma_sim.model.layout import O_X, InputPoint, System, SystemState
 from sma_sim.model.system import guard, update_guards
 from sma_sim.solver.stepper import Segment, Step, dense, flow_at, input_at, with_smooth
-from sma_sim.solver.work import Matrix, Work
+from sma_sim.solver.work import Work
 
 EDGE_TABLE = np.array(EDGES, dtype=np.int64)
 # Violations below these are rounding: relative to dsigma, in x_M, and in 1/s.

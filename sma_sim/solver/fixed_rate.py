@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.compiler.compile import package_compiler
+from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
 from sma_sim.solver.columns import new_samples, sample_columns
 from sma_sim.solver.effect_table import own_scratch
@@ -34,7 +35,6 @@ from sma_sim.solver.simulate import (
     Jump,
     SimulationError,
     Trajectory,
-    Vector,
     named_jumps,
     new_run,
     new_work,

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.model.argument_checks import as_array, as_kelvin, expect
+from sma_sim.model.arrays import Vector
 from sma_sim.model.comparable import Comparable
 from sma_sim.model.errors import UserError
 from sma_sim.model.shown import Shown
 from sma_sim.model.structures.structure import Structure
 
-Vector = NDArray[np.float64]
 INPUT_NAMES = {2: ('J_eq_W', 'T_E_K'), 3: ('strain', 'J_W', 'T_E_K')}  # by the number of columns: module, wire
 
 

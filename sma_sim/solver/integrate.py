@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sma_sim.model.arrays import Integers, Matrix, Vector
 from sma_sim.model.automaton import INNER, observed_mode
 from sma_sim.model.layout import O_DL, O_DX, O_F, O_J, O_LENGTH, O_SIGMA, O_V, O_X, System, SystemState
 from sma_sim.model.system import ambient_temperature, commanded_heating, sensed_channel
@@ -28,7 +29,7 @@ from sma_sim.solver.stepper import (
     row_step,
     with_smooth,
 )
-from sma_sim.solver.work import Integers, Matrix, Vector, Work, copy_evaluation, copy_into
+from sma_sim.solver.work import Work, copy_evaluation, copy_into
 
 NOT_CROSSED = -1
 COMPLETED, STEP_LIMIT, STEP_UNDERFLOW, NOT_FINITE, RATE_NOT_FINITE, STALLED = range(6)

@@ -7,9 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Matrix = NDArray[np.float64]
-Vector = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from sma_sim.model.arrays import Integers, Matrix, Vector
+
 ONE = np.uint64(1)  # unsigned indices spare the compiler the check for negative ones: a third of the time
 
 

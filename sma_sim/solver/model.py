@@ -8,11 +8,11 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.compiler.fields_read import uses_time
 from sma_sim.compiler.structure_kernels import MAX_EFFECTS, native_structure, new_effects
 from sma_sim.model.argument_checks import expect
+from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.effects.ports import STRUCTURE_FORCE, EffectTable
 from sma_sim.model.errors import UserError
@@ -20,8 +20,6 @@ from sma_sim.model.layout import O_DL, StructureTable, System
 from sma_sim.model.parameters import WireConstants, wire_constants
 from sma_sim.model.structures.structure import Constants, Structure, numbers, record
 from sma_sim.solver.effect_table import effect_table
-
-Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config, default_parameters
 from sma_sim.model.material import sigma_A, sigma_M
 from sma_sim.solver.inputs import Input, inputs_at, module_input, wire_input
 from sma_sim.solver.model import Model
 from sma_sim.solver.simulate import STOPPED, Trajectory, simulate
 
-Vector = NDArray[np.float64]
 ModelPair = dict[str, Trajectory]  # by kind of model
 
 MODEL_KINDS = ('hybrid', 'mas')

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from sma_sim.compiler.compile import is_interpreted, package_compiler
 from sma_sim.compiler.pinned_systems import pin_system, pinned_systems
+from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.errors import UserError
 from sma_sim.model.layout import System
 from sma_sim.solver.columns import sample_columns
@@ -28,8 +29,6 @@ from sma_sim.solver.tangent_nodes import Tangents
 from sma_sim.solver.tangents import follow_segment
 from sma_sim.solver.work import Work
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 Arrays = NDArray[np.float64]  # of three dimensions
 FIRST_STEP = 1e-3  # [s]
 MAX_STEPS = 20_000  # of one prediction

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from sma_sim.model.arrays import Integers, Matrix, Vector
 from sma_sim.model.automaton import observed_mode
 from sma_sim.model.effects.calls import stress_wire, true_channel
 from sma_sim.model.effects.ports import SENSING, TRANSFORMATION_STRESS, WIRE_FORCE, WIRE_STRAIN
@@ -16,7 +17,7 @@ from sma_sim.model.system import (
     update_forces,
 )
 from sma_sim.solver.stepper import Segment, input_at
-from sma_sim.solver.work import Integers, Matrix, Vector, Work
+from sma_sim.solver.work import Work
 
 RESTING_RATE = 1e-5  # |dx_M/dt| [1/s] below which a MAS wire is seen as resting
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from sma_sim.compiler.compile import is_interpreted, package_compiler
 from sma_sim.compiler.pinned_systems import PinnedSystems, pin_system, pinned_systems
+from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.effects.ports import SENSING
 from sma_sim.solver.clock import held_until, seen_at
 from sma_sim.solver.columns import sampled_numbers
@@ -19,13 +20,12 @@ from sma_sim.solver.end_of_run import stop_reason
 from sma_sim.solver.inputs import Input, requested_times, segments
 from sma_sim.solver.integrate import InputStretches, Limits, Run
 from sma_sim.solver.model import Model, new_findings
-from sma_sim.solver.simulate import Trajectory, Vector, copy_of_run, new_log, new_work, stall_step, trajectory
+from sma_sim.solver.simulate import Trajectory, copy_of_run, new_log, new_work, stall_step, trajectory
 from sma_sim.solver.smoothed_input import Leeway, Stretches, smoothed, under_lines
 from sma_sim.solver.stepper import STAGES
 from sma_sim.solver.tangent_nodes import Tangents
 from sma_sim.solver.tangents import follow
 
-Matrix = NDArray[np.float64]
 TOGETHER = 8  # unknowns that vector instructions serve at once: the last ones of a run may be none
 DELTA = 1e-6  # by which an unknown is moved
 NODES = 3  # of a step, at which it is linearised

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from sma_sim.compiler.compile import is_interpreted, package_compiler
 from sma_sim.compiler.pinned_systems import pin_system, pinned_systems, record_at
+from sma_sim.model.arrays import Integers, Matrix, Vector
 from sma_sim.model.layout import System, SystemState
 from sma_sim.solver.columns import sample_columns
 from sma_sim.solver.effect_table import own_scratch
@@ -18,9 +19,6 @@ from sma_sim.solver.model import Model
 from sma_sim.solver.simulate import new_run, new_work, stall_step
 from sma_sim.solver.work import Work, copy_into
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
-Integers = NDArray[np.int64]
 MAX_JUMPS = 1000  # of a wire within one step, which nobody reads
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from sma_sim.compiler.compile import package_compiler
 from sma_sim.model.argument_checks import checked
+from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.automaton import EDGES, GUARD_NAMES
 from sma_sim.model.config import Config
 from sma_sim.model.errors import PhysicsWarning, UserError
@@ -56,9 +57,6 @@ from sma_sim.solver.stepper import ORDER
 from sma_sim.solver.trajectory import Jump as Jump
 from sma_sim.solver.trajectory import Trajectory as Trajectory
 from sma_sim.solver.work import Work
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 
 class SimulationError(UserError):

@@ -30,6 +30,7 @@ from sma_sim.compiler.compile import package_compiler
 from sma_sim.compiler.effect_kernels import kernel_types, own_kernels
 from sma_sim.compiler.fields_read import fields_read
 from sma_sim.compiler.kernel_text import parameter_fields
+from sma_sim.model.arrays import Integers, Matrix, Vector
 from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.model.effects.ports import ACTUATION, PORT_NAMES
 from sma_sim.model.parameters import WireConstants
@@ -38,7 +39,6 @@ from sma_sim.solver.effect_table import TEMPERATURE_SCALE
 from sma_sim.solver.inputs import Input, segments
 from sma_sim.solver.integrate import InputStretches
 from sma_sim.solver.model import Model
-from sma_sim.solver.work import Integers, Matrix, Vector
 
 Arrays = NDArray[np.float64]  # of three dimensions
 SMOOTHED = 2.0  # the most of max |E|/C, in units of solver.rtol times that scale

@@ -6,12 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.layout import Evaluation, InputPoint, System, SystemState
 from sma_sim.model.system import EVERYTHING, depends_on, update_flow
 from sma_sim.solver.linear import eliminate, invert_shifted, solve_eliminated, solve_shifted
 from sma_sim.solver.rosenbrock import RODAS4P2, ROS34PW2
 from sma_sim.solver.series import linearize_segments
-from sma_sim.solver.work import Matrix, Vector, Work, copy_evaluation, copy_into
+from sma_sim.solver.work import Work, copy_evaluation, copy_into
 
 A, C, NODES, D, H = RODAS4P2.a, RODAS4P2.C, RODAS4P2.c, RODAS4P2.d, RODAS4P2.H
 GAMMA, STAGES, ORDER = RODAS4P2.gamma, 6, RODAS4P2.order

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from sma_sim.solver.work import Matrix, Vector
+from sma_sim.model.arrays import Matrix, Vector
 
 
 def add_product(c: float, x: Vector, y: Vector) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.compiler.pinned_systems import record_at
+from sma_sim.model.arrays import Integers, Matrix, Vector
 from sma_sim.model.automaton import INNER
 from sma_sim.model.effects.calls import fill_kernel_state
 from sma_sim.model.layout import Evaluation, InputPoint, System, SystemState
@@ -23,7 +24,7 @@ from sma_sim.model.system import (
 )
 from sma_sim.solver.stepper import Segment, flow_at, input_at
 from sma_sim.solver.tangent_algebra import copy_matrix, subtract_product
-from sma_sim.solver.work import Integers, Matrix, Vector, Work, copy_evaluation, copy_into
+from sma_sim.solver.work import Work, copy_evaluation, copy_into
 
 Arrays = NDArray[np.float64]  # of three dimensions
 FRACTION_STEP = 1e-7  # of frozen fractions, for differences

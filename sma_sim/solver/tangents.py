@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sma_sim.compiler.pinned_systems import record_at
+from sma_sim.model.arrays import Matrix
 from sma_sim.model.automaton import INNER
 from sma_sim.model.layout import O_DX, O_X, Evaluation, System, SystemState
 from sma_sim.model.system import EVERYTHING, guard, sensed_channel, update_flow
@@ -74,7 +75,7 @@ from sma_sim.solver.tangent_nodes import (
     move_along,
     unknown_columns,
 )
-from sma_sim.solver.work import Matrix, Work, copy_evaluation, copy_into
+from sma_sim.solver.work import Work, copy_evaluation, copy_into
 
 SLOPE_STEP = 1e-4  # of a step, for the slope of what is sampled
 BEGINNING = (-3.0, 4.0, -1.0)  # weights of the nodes in the derivative at the beginning, times the length of the step

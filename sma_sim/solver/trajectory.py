@@ -7,18 +7,15 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from sma_sim.model.archive import Saved
 from sma_sim.model.argument_checks import checked
+from sma_sim.model.arrays import Vector
 from sma_sim.model.comparable import Comparable
 from sma_sim.model.nearest import UnknownNameError, suggestion
 from sma_sim.model.optional import require
 from sma_sim.model.shown import Shown, listed, text_table
 from sma_sim.solver.integrate import Run
 
-Vector = NDArray[np.float64]
 FIGURES = 'sma_sim.report.run_figure'  # a room above this one: only who draws needs it
 
 

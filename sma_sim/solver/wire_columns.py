@@ -7,11 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.parameters import wire_constants
 from sma_sim.model.structures.structure import numbers, record
-
-Vector = NDArray[np.float64]
 
 
 def strains_from_pose(config: Config, columns: Mapping[str, Vector]) -> dict[str, Vector]:

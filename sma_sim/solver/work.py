@@ -5,14 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sma_sim.model.arrays import Integers, Matrix, Vector
 from sma_sim.model.layout import Evaluation
 from sma_sim.solver.linear import Elimination
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 class Work(NamedTuple):

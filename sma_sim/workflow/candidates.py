@@ -20,7 +20,6 @@ from threading import Event
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Dataset, in_order
 from sma_sim.evidence.estimation.calibrate import SEARCH_SAMPLES, Calibration, FitOptions, calibrate, problem_for
@@ -47,14 +46,13 @@ from sma_sim.evidence.residual_analysis.compare import run_beside_model
 from sma_sim.evidence.residual_analysis.metrics import channel_scores, total_error
 from sma_sim.evidence.search.components import Catalogue, Component
 from sma_sim.evidence.search.score import Evidence, evidence_at, probabilities
+from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import Parameter
 from sma_sim.solver.simulate import SimulationError
 from sma_sim.words.probabilities import probability_words
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 OnCandidate = Callable[[Mapping[str, Any]], None]
 FRACTIONS = (1.0, 0.3, 0.1)  # of the way to what the score test says, from which the least error is looked for
 NORMAL_95 = 1.96  # standard deviations on each side of a 95 % interval

@@ -5,7 +5,8 @@ shown(t) = value(t/(1 + excess)) from the beginning of the run on, by lines thro
 
 import numpy as np
 
-from sma_sim.challenge.truth import Channels, Values, Vector, drawn_parameter, sensor_truth
+from sma_sim.challenge.truth import Channels, Values, drawn_parameter, sensor_truth
+from sma_sim.model.arrays import Vector
 
 
 def counted_frames(time: Vector, channels: Channels, p: Values) -> dict[str, Vector]:

@@ -7,7 +7,8 @@ import math
 
 import numpy as np
 
-from sma_sim.challenge.truth import Channels, Values, Vector, drawn_parameter, sensor_truth
+from sma_sim.challenge.truth import Channels, Values, drawn_parameter, sensor_truth
+from sma_sim.model.arrays import Vector
 
 
 def tilted_axes(time: Vector, channels: Channels, p: Values) -> dict[str, Vector]:

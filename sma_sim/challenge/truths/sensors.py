@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-from sma_sim.challenge.truth import Channels, Values, Vector, drawn_parameter, sensor_truth
+from sma_sim.challenge.truth import Channels, Values, drawn_parameter, sensor_truth
+from sma_sim.model.arrays import Vector
 
 DEGREE = math.pi / 180.0
 

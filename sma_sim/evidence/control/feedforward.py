@@ -6,12 +6,12 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.control.pi import PI
 from sma_sim.evidence.control.plan import Planner, Target
 from sma_sim.evidence.state_estimation.estimate import RobotState
 from sma_sim.model.argument_checks import as_kelvin, expect
+from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.solver.columns import sample_columns
@@ -19,7 +19,6 @@ from sma_sim.solver.fixed_rate import FixedRateRun
 from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS
 from sma_sim.solver.model import Model
 
-Vector = NDArray[np.float64]
 ITERATIONS = 3  # of a plan: its run begins where the one before went, so that few are needed
 EARLY = 1e-6  # [s] by which a period may begin early
 

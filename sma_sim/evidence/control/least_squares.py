@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
+from sma_sim.model.arrays import Matrix, Vector
+
 SMALLEST_ROW = 1e-12  # of a constraint, relative to the largest one, on which no unknown acts
 INFEASIBLE = 1e-10  # residual of the dual problem below which no point keeps all constraints
 

@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.control.least_squares import constrained_least_squares
 from sma_sim.evidence.state_estimation.estimate import RobotState
+from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.nearest import suggestion
@@ -44,8 +45,6 @@ from sma_sim.solver.prediction import Prediction
 from sma_sim.solver.propagation import run_at_rest
 from sma_sim.solver.simulate import SimulationError
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 Target = Callable[[Vector], Vector]  # from times (k,) [s] to wanted values of a coordinate (k,)
 EDGES = (0.0, 0.04, 0.12, 0.28, 0.56, 1.0)  # of the levels, in parts of the horizon
 TIMES = (0.04, 0.08, 0.12, 0.2, 0.28, 0.37, 0.46, 0.56, 0.7, 0.85, 1.0)  # at which the target is compared

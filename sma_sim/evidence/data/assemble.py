@@ -18,7 +18,6 @@ from sma_sim.evidence.data.recording import (
     NEEDED_COLUMNS,
     STD_SUFFIX,
     Recording,
-    Vector,
     is_resistance,
 )
 from sma_sim.evidence.data.rosbag.commands import NODE_LIMITS, CommandLimits
@@ -33,6 +32,7 @@ from sma_sim.evidence.data.sessions import (
     rows_with_changes,
 )
 from sma_sim.evidence.data.units import check_unit, slow_sampling
+from sma_sim.model.arrays import Mask, Vector
 from sma_sim.model.errors import UserError
 from sma_sim.model.shown import listed
 from sma_sim.model.structures.discovery import known_structures
@@ -427,7 +427,6 @@ def measured_channels(
 
 
 # What is missing or wrong in the columns of one session: gaps, outliers, held inputs; each repair makes a note.
-Mask = NDArray[np.bool_]
 NEIGHBOURS_PER_SIDE = 4  # enough that two adjacent outliers do not hide each other
 OUTLIER_RANGES = 6.0  # an outlier is farther from its neighbours than so many times their own range
 OUTLIER_NOISE_STDS = 10.0  # ... and farther than so many standard deviations of the noise

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.data.table_format import BLOCK_SIZE, MAX_LINE_LENGTH, MISSING_CELLS, TableFormat
 from sma_sim.evidence.data.workbook import SUFFIX, open_text
+from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
-
-Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

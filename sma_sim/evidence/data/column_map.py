@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import yaml
 
-from sma_sim.evidence.data.cells import Vector
 from sma_sim.evidence.data.imposed import without_noise
 from sma_sim.evidence.data.table_format import is_number
 from sma_sim.evidence.data.tables import MAX_NAMES
+from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
 from sma_sim.model.shown import listed
 

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
-Vector = NDArray[np.float64]
+from sma_sim.model.arrays import Vector
+
 NOISY = 1.0 / 3.0  # of all steps go back: half as many as those of white noise (Bienayme 1874), far more than of a motion
 MIN_ROWS = 20  # fewer tell nothing of noise
 STDS = 3.0  # by which von Neumann's ratio of white noise may be less than 2

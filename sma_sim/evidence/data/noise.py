@@ -14,11 +14,10 @@ from math import comb, sqrt
 from statistics import NormalDist
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Recording
+from sma_sim.model.arrays import Vector
 
-Vector = NDArray[np.float64]
 DIFFERENCE_ORDER = 3  # removes motion that is quadratic within four samples
 CENTRAL_FRACTION = 0.8  # of the differences: the smaller ones
 MAX_DEVIATION = 5.0  # standard deviations: what is beyond is no noise

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Recording
+from sma_sim.model.arrays import Vector
 from sma_sim.model.structures.discovery import known_structures
 from sma_sim.solver.inputs import Input
 
-Vector = NDArray[np.float64]
 GRID = 200  # temperatures to which one way is interpolated
 SMOOTHED = 0.02  # part of the temperatures over which the slope is taken
 ACCURACY = 0.5  # [K] to which a thermocouple on a specimen, and its gradients, let its temperature be known

@@ -9,11 +9,11 @@ from functools import lru_cache
 from math import inf
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.data.units import check_array
 from sma_sim.model.archive import Saved
 from sma_sim.model.argument_checks import as_array, check_fields, expect
+from sma_sim.model.arrays import Vector
 from sma_sim.model.comparable import Comparable
 from sma_sim.model.errors import UserError
 from sma_sim.model.nearest import suggestion
@@ -23,7 +23,6 @@ from sma_sim.model.structures.discovery import KNOWN, FoundStructure, known_stru
 from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.inputs import Input, check_columns
 
-Vector = NDArray[np.float64]
 MAX_OUTSIDE = 0.5  # of the samples, before or after the source: there its first and last values hold; more is another unit
 FIRST = ('module', 'wire')  # their channels come first wherever channels of several systems are listed
 

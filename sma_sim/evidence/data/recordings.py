@@ -16,13 +16,14 @@ from sma_sim.evidence.data.column_map import ColumnMap, read_column_map
 from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.data.noise import Noise, noise_by_channel
 from sma_sim.evidence.data.quasi_static import error_by_temperature, temperature_error
-from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, CHANNELS_OF, Dataset, Recording, Vector, in_order
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, CHANNELS_OF, Dataset, Recording, in_order
 from sma_sim.evidence.data.repeatability import with_bench
 from sma_sim.evidence.data.repeated_values import without_constant_channels, without_repeated_values
 from sma_sim.evidence.data.rosbag.bag_files import is_bag
 from sma_sim.evidence.data.rosbag.commands import NODE_LIMITS, CommandLimits
 from sma_sim.evidence.data.sources import COLUMNS_BY_SYSTEM, checked_noise, read_noise_file, read_source, recordings_in
 from sma_sim.model.argument_checks import checked
+from sma_sim.model.arrays import Vector
 from sma_sim.model.effects.ports import CHANNELS
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import known_structures

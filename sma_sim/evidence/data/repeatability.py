@@ -16,7 +16,8 @@ import numpy as np
 
 from sma_sim.evidence.data.column_map import INDEPENDENT_AFTER, ColumnMap
 from sma_sim.evidence.data.display_units import in_display_unit
-from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording, Vector
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording
+from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import known_structures
 

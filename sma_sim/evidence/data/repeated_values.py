@@ -15,7 +15,8 @@ from scipy.ndimage import maximum_filter1d
 
 from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.data.noise import Noise
-from sma_sim.evidence.data.recording import Dataset, Recording, Vector
+from sma_sim.evidence.data.recording import Dataset, Recording
+from sma_sim.model.arrays import Vector
 from sma_sim.model.structures.discovery import known_structures
 
 EDGE = 9  # stretches of equal values side by side

@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.model.arrays import Mask, Vector
 from sma_sim.model.errors import UserError
 
-Vector = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Rows = NDArray[np.intp] | slice
 # Sampling intervals: a clock that goes back by no more was adjusted; by more, another session begins.
 CLOCK_STEP_INTERVALS = 10

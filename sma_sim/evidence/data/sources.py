@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from sma_sim.evidence.data.cells import CellLayout, Vector, read_cells, text_blocks
+from sma_sim.evidence.data.cells import CellLayout, read_cells, text_blocks
 from sma_sim.evidence.data.column_map import ColumnMap, Origin, column_in_si, column_origins
 from sma_sim.evidence.data.foreign_columns import (
     SPELLINGS,
@@ -30,6 +30,7 @@ from sma_sim.evidence.data.rosbag.commands import CommandLimits
 from sma_sim.evidence.data.table_format import TableFormat, cells_of_line, is_number, table_format
 from sma_sim.evidence.data.tables import MAX_NAMES
 from sma_sim.evidence.data.time_formats import counted_on, reader_of_column, without_clock_change, without_period
+from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
 from sma_sim.model.shown import listed
 from sma_sim.model.structures.discovery import known_structures

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from sma_sim.evidence.data.cells import CellLayout, read_cells
-from sma_sim.evidence.data.cells import Vector as Vector
 from sma_sim.evidence.data.foreign_columns import hint_for
 from sma_sim.evidence.data.table_format import table_format
+from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
 from sma_sim.model.files import whole_file
 from sma_sim.model.shown import listed

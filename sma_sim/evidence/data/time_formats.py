@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from sma_sim.evidence.data.cells import Vector, text_blocks
+from sma_sim.evidence.data.cells import text_blocks
 from sma_sim.evidence.data.sessions import are_regular
 from sma_sim.evidence.data.table_format import TableFormat, cells_of_line
+from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
 
 EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)

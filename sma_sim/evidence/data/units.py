@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sma_sim.evidence.data.cells import Vector
 from sma_sim.evidence.data.foreign_columns import in_yaml
+from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import KELVIN
 

@@ -11,7 +11,6 @@ from math import inf, isnan, sqrt
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.train_test_split import pooled
@@ -45,11 +44,10 @@ from sma_sim.evidence.search.equations import has_terms
 from sma_sim.evidence.search.posterior import EVEN, TIE, Posterior
 from sma_sim.evidence.search.refine import Model
 from sma_sim.evidence.search.score import evidence_at, evidence_of
+from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.structures.discovery import known_structures
 from sma_sim.solver.simulate import SimulationError
-
-Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

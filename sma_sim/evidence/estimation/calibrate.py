@@ -17,7 +17,6 @@ from threading import Event
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.data.quasi_static import first_cycles
 from sma_sim.evidence.data.recording import Dataset
@@ -59,6 +58,7 @@ from sma_sim.evidence.estimation.uncertainty import (
 )
 from sma_sim.model.archive import Saved
 from sma_sim.model.argument_checks import check_fields, checked, is_like
+from sma_sim.model.arrays import Vector
 from sma_sim.model.config import AUTO, Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.nearest import suggestion
@@ -69,7 +69,6 @@ from sma_sim.model.renamed import renamed
 from sma_sim.model.shown import Shown, listed, text_table
 from sma_sim.model.structures.discovery import known_structures
 
-Vector = NDArray[np.float64]
 SEARCH_RTOL, FINAL_RTOL = 1e-5, 1e-6  # of the simulations of a search without tangents, and of the last fit
 SEARCH_SAMPLES = 1000  # samples per run of a search
 JOINING_DAMPING = 10.0  # of the first step when runs join a minimisation that has ended without them

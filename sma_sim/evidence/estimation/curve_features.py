@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.data.quasi_static import GRID, SMOOTHED, Cycle, both_ways, cycles, smoothed_way
 from sma_sim.evidence.data.recording import Dataset, Recording
+from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.structures.discovery import known_structures
 
-Vector = NDArray[np.float64]
 TEMPERATURES = ('M_f', 'M_s', 'A_s', 'A_f')
 END = 0.12  # part of the temperatures, at either end, through which a baseline goes
 MIN_RANGE = 20.0  # [K] of temperatures and ...

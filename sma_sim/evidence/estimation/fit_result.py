@@ -6,13 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import nan, sqrt
 
-import numpy as np
-from numpy.typing import NDArray
-
 from sma_sim.evidence.estimation.problem import Problem
+from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
-
-Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,17 +8,15 @@ A fit that starts where the wire would have been warm long before the first samp
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Dataset, Recording
 from sma_sim.evidence.estimation.residuals import command_column
+from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import Config
 from sma_sim.model.parameters import wire_constants
 from sma_sim.model.structures.discovery import known_structures
 from sma_sim.solver.inputs import Input
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 TEMPERATURE = 'T'  # the channel of a single wire's thermometer
 MIN_SAMPLES = 5  # of a recording: two coefficients and its own zero, and some that scatter
 

@@ -10,7 +10,6 @@ from math import isfinite
 from threading import Event
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.executors import executor_or_threads
@@ -31,11 +30,11 @@ from sma_sim.evidence.estimation.residuals import (
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import RUN_UNKNOWNS
 from sma_sim.model.argument_checks import checked
+from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.solver.simulate import SimulationError
 
-Vector = NDArray[np.float64]
 INITIAL_GUESSES = (0.0, -0.9, 0.9)  # of a start, in its coordinate (-1 on sigma_A, 1 on sigma_M)
 GOOD_FIT = 1.1  # error over that of the fitted runs, or over noise, with which no further guess is tried
 

@@ -7,7 +7,6 @@ from concurrent.futures import Executor
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_solve, cholesky, solve_triangular
 
 from sma_sim.evidence.estimation.fit_result import FitResult
@@ -28,9 +27,8 @@ from sma_sim.evidence.estimation.problem import (
 )
 from sma_sim.evidence.estimation.search_context import SearchContext, Stop
 from sma_sim.evidence.estimation.stop_criteria import StopCriteria
+from sma_sim.model.arrays import Matrix, Vector
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 MAX_DAMPING, DAMPING_INCREASE = 1e12, 3.0  # the factor after a step that did not gain: finer ones find longer steps
 CENTRAL_BELOW = 0.1  # relative gain of a step below which differences become central
 WARM_UP = 3  # iterations before early stopping may end a minimisation

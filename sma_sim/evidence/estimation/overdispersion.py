@@ -12,12 +12,10 @@ from concurrent.futures import Executor
 from math import inf, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.problem import Problem, residuals_at
+from sma_sim.model.arrays import Matrix, Vector
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 WHITE_STDS = 3.0  # standard deviations within which white noise stays in all but one of hundreds of rows
 
 

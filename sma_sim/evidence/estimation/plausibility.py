@@ -13,18 +13,16 @@ from dataclasses import dataclass, replace
 from math import log, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, FreeParameter, declared_parameters
 from sma_sim.evidence.estimation.problem import normal_parts
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95, Uncertainty
+from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import Config
 from sma_sim.model.parameters import Parameter
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 USUAL_STDS = 2.0  # of a prior as wide as what is usual: of normal values all but a twentieth lie within
 RANGE_TOLERANCE = 0.1  # fraction of a realistic range by which a value may lie beyond it: literature is not sharper
 WHERE_IT_TRANSFORMS = ('wire.T0', 'wire.sigma_MW0')

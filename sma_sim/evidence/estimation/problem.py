@@ -19,12 +19,11 @@ from sma_sim.evidence.estimation.free_parameters import FreeParameter
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
 from sma_sim.evidence.estimation.residuals import FitData, Nuisance, weighted_residuals
 from sma_sim.evidence.estimation.run_tangents import TangentTask, linearized_by_tangents, tangents_apply
+from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import Config
 from sma_sim.solver.sensitivities import DELTA
 from sma_sim.solver.simulate import SimulationError
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 QuadraticModel = tuple[float, Vector, Matrix]  # cost, gradient, Gauss-Newton Hessian
 DEFAULT_STEP = 0.02  # of differences, in standard deviations of the priors
 MIN_STEP, MAX_STEP = 1e-6, 0.02  # of differences, in standard deviations of the priors

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from sma_sim.evidence.data.noise import estimate_noise
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording, channels_of_family, is_resistance
 from sma_sim.model.argument_checks import check_fields, checked
+from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import known_structures
@@ -24,7 +25,6 @@ from sma_sim.solver.simulate import SimulationError, Trajectory, copy_of_run, ne
 from sma_sim.solver.smoothed_input import Leeway, Stretches, smoothed
 from sma_sim.solver.work import Work
 
-Vector = NDArray[np.float64]
 ZERO_STDS = 4.0  # of its prior, within which a zero of a recording lies: beyond, something else is missing
 ZERO_LIMIT = 2e-3  # of strain, by which the zero of a recording may be off: grips settle, gauges are set by hand
 SOFTEST = 1.5e10  # [Pa] of wires: a strain that was set to zero under load lacks no more than stress over this

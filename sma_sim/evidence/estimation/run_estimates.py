@@ -13,16 +13,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.chi_square import chi_square_tail
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, FreeParameter
 from sma_sim.evidence.estimation.problem import LinearizedRun, Problem, normal_equations, robust_weights
 from sma_sim.evidence.estimation.residuals import FitData
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95, channel_overdispersion
+from sma_sim.model.arrays import Matrix, Vector
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 DISAGREE = 0.01  # chance, over all parameters, below which recordings do not agree
 MIN_COMPARED_RUNS = 2
 WEAK = BOUND_STDS**-2.0  # information of the priors, as in the intervals

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.problem import Problem
+from sma_sim.model.arrays import Vector
 
-Vector = NDArray[np.float64]
 MAX_SUBSET_RUNS = 8  # of a search; with more, the others join when its best is refined
 
 

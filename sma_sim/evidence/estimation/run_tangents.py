@@ -20,6 +20,7 @@ from sma_sim.evidence.estimation.residuals import (
     step_limit,
     weighted_residuals,
 )
+from sma_sim.model.arrays import Matrix
 from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.model.structures.structure import Structure
@@ -30,7 +31,6 @@ from sma_sim.solver.sensitivities import DELTA, Neighbour, Sensitivities, simula
 from sma_sim.solver.simulate import SimulationError, new_run, new_work
 from sma_sim.solver.work import Work
 
-Matrix = NDArray[np.float64]
 # Of solver.rtol, in the runs that give tangents, unless they are a search's, which has them already: tangents keep 3 digits,
 # where a difference of two such runs would be noise.
 LOOSER = {'hybrid': 10.0, 'mas': 3.0}

@@ -37,11 +37,10 @@ from sma_sim.evidence.estimation.problem import (
     robust_weights,
 )
 from sma_sim.evidence.estimation.residuals import FitData
+from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.covariance import ParameterCovariance
 from sma_sim.solver.simulate import SimulationError
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 Reduced = TypeVar('Reduced')
 JACOBIAN_RTOL = 1e-7  # of the simulations whose differences make the Jacobian
 PRIOR_INFORMATION = 1.0  # eigenvalue below which data say less of a direction than its prior

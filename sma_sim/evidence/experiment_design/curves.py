@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.experiment_design.plan import Plan
 from sma_sim.evidence.experiment_design.utilities import linearized_rival
-
-Matrix = NDArray[np.float64]
+from sma_sim.model.arrays import Matrix
 
 
 @dataclass(frozen=True)

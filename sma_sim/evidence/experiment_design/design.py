@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from threading import Event
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.executors import PickledConfig, executor_or_threads
@@ -71,6 +70,7 @@ from sma_sim.evidence.experiment_design.utilities import (
 )
 from sma_sim.evidence.search.refine import WINDOW
 from sma_sim.model.argument_checks import checked
+from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import Config, suggestion
 from sma_sim.model.effects.discovery import find_effects
 from sma_sim.model.effects.scope import SEPARATOR
@@ -78,8 +78,6 @@ from sma_sim.model.errors import UserError
 from sma_sim.model.progress import progress_in_words
 from sma_sim.model.structures.structure import Structure
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 PRECISION_CENTRES = 3  # at which derivatives are taken, where parameters are to be known: the model is not linear
 
 

@@ -19,12 +19,11 @@ from sma_sim.evidence.estimation.problem import Problem
 from sma_sim.evidence.estimation.residuals import FitData, Nuisance, fit_data, model_columns
 from sma_sim.evidence.experiment_design.rival_fits import ModelHypothesis
 from sma_sim.evidence.experiment_design.sequences import CommandGrid, as_input
+from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import Config
 from sma_sim.solver.simulate import SimulationError
 from sma_sim.solver.wire_columns import stresses_from_forces
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 SECANT_STEP = 0.5  # in standard deviations of the posterior
 MAX_PREDICTED_SAMPLES = 1000  # of an experiment; each then counts for several of the measurement
 PREDICTION_RTOL = 1e-5  # of the simulations: a hundredth of what a secant changes

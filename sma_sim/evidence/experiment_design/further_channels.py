@@ -28,8 +28,8 @@ from sma_sim.evidence.experiment_design.utilities import (
     information_gain,
 )
 from sma_sim.evidence.search.posterior import TIE
+from sma_sim.model.arrays import Matrix
 
-Matrix = NDArray[np.float64]
 MAX_SAMPLES, RTOL = 500, 1e-6  # of a recording, and of its simulation
 OF_WIRES = {'F': 'force', 'T': 'temperature', 'R': 'resistance'}
 BY_UNIT = {'m': 'displacement', 'rad': 'angle'}

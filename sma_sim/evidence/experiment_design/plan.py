@@ -6,9 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from sma_sim.evidence.estimation.prepared_fit import check_kinetics
 from sma_sim.evidence.estimation.residuals import FitData
 from sma_sim.evidence.experiment_design.forecast import OperatingLimits, RunPrediction
@@ -18,11 +15,10 @@ from sma_sim.evidence.experiment_design.sequences import CommandGrid
 from sma_sim.evidence.search.posterior import TIE
 from sma_sim.model.archive import Saved
 from sma_sim.model.argument_checks import as_folders, check_fields
+from sma_sim.model.arrays import Vector
 from sma_sim.model.comparable import Comparable
 from sma_sim.model.renamed import renamed
 from sma_sim.model.shown import Shown, listed
-
-Vector = NDArray[np.float64]
 
 
 @renamed(model='kinetics')

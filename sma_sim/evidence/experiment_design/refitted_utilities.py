@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.calibrate import FitOptions, problem_for
@@ -40,10 +39,9 @@ from sma_sim.evidence.experiment_design.utilities import (
     refitted_evidence_ratios,
 )
 from sma_sim.evidence.model_selection.refit import refit
+from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.solver.simulate import SimulationError
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 REFIT_SAMPLES, REFIT_RTOL = 500, 1e-4  # of a recording, and of its simulation: every sequence costs many refits
 FAST_REFIT = replace(WEAKLY_DAMPED, max_iterations=12, min_decrease=1.0, relative_decrease=1e-3)
 DAMPED_REFIT = replace(FAST_REFIT, damping=FROM_PRIORS.damping)  # another way down, with short steps first

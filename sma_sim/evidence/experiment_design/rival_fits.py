@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.calibrate import (
@@ -32,13 +31,12 @@ from sma_sim.evidence.model_selection.variants import variants_of
 from sma_sim.evidence.search.beam import search
 from sma_sim.evidence.search.components import catalogue_for
 from sma_sim.evidence.search.refine import WINDOW, extended, model_of
+from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import Config, suggestion
 from sma_sim.model.effects.ports import CHANNELS
 from sma_sim.model.errors import UserError
 from sma_sim.solver.simulate import SimulationError
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 NO_EFFECT = 'nothing'  # the name of the hypothesis that no effect is missing
 LAST_STOP_CRITERIA = StopCriteria(  # patient: evidence differs by less than a usual fit leaves
     max_iterations=25, damping=1e2, min_decrease=0.1, relative_decrease=0.0, central=False

@@ -7,7 +7,6 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.residuals import FitData
 from sma_sim.evidence.experiment_design.criteria import DESIGN_CRITERIA
@@ -25,8 +24,8 @@ from sma_sim.evidence.experiment_design.sequences import (
     quantized,
     random_sequence,
 )
+from sma_sim.model.arrays import Vector
 
-Vector = NDArray[np.float64]
 Utility = Callable[[Sequence[RunPrediction]], float]
 
 

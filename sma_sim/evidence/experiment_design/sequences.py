@@ -9,11 +9,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sma_sim.model.arrays import Vector
 from sma_sim.solver.inputs import Input
 
-Vector = NDArray[np.float64]
 Random = np.random.Generator
 DEFAULT_STEPS = (4, 14)  # fewest and most of a default sequence in 100 s
 MAX_PERIOD = 0.5  # of a sine or of pulses, as a fraction of the sequence: so that each is seen twice

@@ -13,12 +13,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.experiment_design.forecast import RunPrediction
+from sma_sim.model.arrays import Matrix, Vector
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 POSTERIOR_DRAWS = 8  # of the hypothesis taken for true, in opposite pairs
 
 

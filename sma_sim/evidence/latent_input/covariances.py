@@ -10,10 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
+from sma_sim.model.arrays import Matrix, Vector
+
 CORRELATION_TIMES = (2.0, 10.0, 50.0)  # [s]: from the spacing of the knots to half a run
 LENGTH_SCALES = (0.15, 0.5, 1.5)  # of a law, in standard deviations of the state: from steep to nearly linear
 TEMPERATURE_UNIT = 20.0  # [K] above ambient at which heat in proportion to the temperature has size 1

@@ -27,11 +27,10 @@ from sma_sim.evidence.latent_input.sensitivities import (
     time_function_at,
     with_rows_at_knots,
 )
+from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import Config
 from sma_sim.solver.wire_columns import heating_of_wire
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 Indices = NDArray[np.int64]
 MAX_SPACINGS = 200  # of all runs together: the cost of the inference grows with their cube
 GAP_FOLDS, TIME_BLOCKS = 5, 25  # a run is cut into blocks of time, longer than residuals correlate; every fifth is left out

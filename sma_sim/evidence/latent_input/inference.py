@@ -10,10 +10,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
+from sma_sim.model.arrays import Matrix, Vector
+
 AMPLITUDES = np.logspace(-3.0, 3.0, 25)  # of u, in probes
 RANK_TOLERANCE = 1e-8  # eigenvalues of a covariance below this fraction of the largest are dropped
 MIXTURE_WEIGHT = 0.3  # of the second covariance of a mixture, relative to the first

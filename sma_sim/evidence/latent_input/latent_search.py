@@ -12,7 +12,6 @@ from math import inf
 from threading import Event
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.train_test_split import hold_out_last
@@ -53,14 +52,13 @@ from sma_sim.evidence.model_selection.nominal_fit import NOMINAL_STARTS, nominal
 from sma_sim.evidence.model_selection.refit import refit, with_other_kinetics
 from sma_sim.evidence.search.posterior import EVEN, TIE
 from sma_sim.model.argument_checks import check_fields, checked
+from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import MODELS, Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.progress import progress_in_words
 from sma_sim.model.renamed import renamed
 from sma_sim.solver.simulate import SimulationError
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 BAND_SIGMAS = 1.96  # half width of a 95 % band in standard deviations
 NUISANCE_SAMPLES = 1000  # per run, on which starts and delay are estimated: a handful of unknowns
 EXTERNAL_HOOKS = ('structure_force', 'wire_heat', 'actuation')  # named before strain, transformation stress and sensors

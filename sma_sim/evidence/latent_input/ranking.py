@@ -9,7 +9,6 @@ from functools import partial
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit
 
 from sma_sim.evidence.estimation.overdispersion import autocorrelation_time
@@ -30,9 +29,8 @@ from sma_sim.evidence.latent_input.inference import (
     squares_in_gaps,
 )
 from sma_sim.evidence.search.score import SPARSITY, UNLISTED, log_sum
+from sma_sim.model.arrays import Matrix, Vector
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 JobResult = TypeVar('JobResult')
 
 

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.executors import run_in_threads, workers_of
 from sma_sim.evidence.estimation.injection_points import Port
@@ -29,9 +28,9 @@ from sma_sim.evidence.latent_input.ranking import (
     inflation_from,
     noise_inflation,
 )
+from sma_sim.model.arrays import Vector
 from sma_sim.solver.simulate import SimulationError
 
-Vector = NDArray[np.float64]
 STEP_FRACTIONS = (1.0, 0.5, 0.25, 0.1)  # of a linear step that are simulated
 INFLATION_COUNT = 3  # noise variances, from what the linear model would leave to what is left now
 TEMPERING_POWERS = (0.5, 0.25)  # of the present inflation, under which the prior is chosen; the first alone at first

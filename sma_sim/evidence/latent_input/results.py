@@ -5,17 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from sma_sim.evidence.estimation.injection_points import Port
 from sma_sim.evidence.latent_input.hypotheses import InputHypothesis
 from sma_sim.model.archive import Saved
+from sma_sim.model.arrays import Vector
 from sma_sim.model.comparable import Comparable
 from sma_sim.model.config import Config
 from sma_sim.model.shown import Shown, listed
-
-Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

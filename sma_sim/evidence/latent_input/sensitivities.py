@@ -17,6 +17,7 @@ from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.evidence.estimation.injection_points import STIFFNESS, Port
 from sma_sim.evidence.estimation.residuals import FitData, Nuisance, weighted_residuals, with_start, with_switches
 from sma_sim.evidence.latent_input.time_functions.time_function import KNOT_COUNT
+from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, find_effects
 from sma_sim.model.structures.structure import Structure
@@ -24,8 +25,6 @@ from sma_sim.solver.inputs import Input, input_between
 from sma_sim.solver.model import Model
 from sma_sim.solver.simulate import SimulationError, simulate
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 TIME_FUNCTION_FOLDER = Path(__file__).parent / 'time_functions'
 EFFECT_BY_HOOK = {
     'structure_force': 'latent_force',

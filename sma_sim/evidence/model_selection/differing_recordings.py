@@ -15,10 +15,10 @@ from sma_sim.evidence.estimation.problem import AMBIENT_STEP, LinearizedRun, Pro
 from sma_sim.evidence.estimation.recording_differences import ZERO_PART, RecordingDifference
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.score_tests import Projection
+from sma_sim.model.arrays import Vector
 from sma_sim.solver.effect_table import channel_scales
 from sma_sim.solver.simulate import SimulationError
 
-Vector = NDArray[np.float64]
 AMBIENT = RecordingDifference('the ambient temperature', ambient=True)
 WITHOUT_POWER = 0.75  # part of its squares to which a run must fall without a command to be tried as one that lost it
 

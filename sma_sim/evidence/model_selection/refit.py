@@ -8,7 +8,6 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import declared_parameters, default_names, free_parameter
@@ -18,10 +17,9 @@ from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, StopCriteria
 from sma_sim.evidence.model_selection.candidates import Candidate, is_plausible
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
+from sma_sim.model.arrays import Vector
 from sma_sim.model.effects.discovery import FoundEffect
 from sma_sim.solver.simulate import SimulationError
-
-Vector = NDArray[np.float64]
 
 
 def cannot_reach(target: float, max_iterations: int, costs: Sequence[float]) -> bool:

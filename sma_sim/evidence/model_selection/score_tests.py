@@ -27,9 +27,8 @@ from sma_sim.evidence.estimation.problem import (
 )
 from sma_sim.evidence.model_selection.candidates import Candidate, Probe, at_instants, instants_of, with_effect
 from sma_sim.evidence.model_selection.criteria import CRITERIA
+from sma_sim.model.arrays import Matrix, Vector
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 WEAK = 0.5  # of a step, below which a strength is probed again: a response over it is no longer the slope
 
 

@@ -13,7 +13,6 @@ from functools import partial
 from math import inf
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.executors import run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
@@ -31,11 +30,9 @@ from sma_sim.evidence.estimation.problem import (
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, FROM_PRIORS, SKETCH_DECREASE
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
+from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.solver.simulate import SimulationError
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 
 def with_candidate(base: FitResult, screened: ScreeningResult) -> tuple[Problem, Vector]:

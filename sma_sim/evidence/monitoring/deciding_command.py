@@ -8,14 +8,12 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.monitoring.live_criteria import BIN, DURATIONS, PARTS
 from sma_sim.evidence.monitoring.past import Window
 from sma_sim.evidence.search.posterior import TIE
+from sma_sim.model.arrays import Vector
 from sma_sim.solver.model import Model
-
-Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,6 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit
 
 from sma_sim.evidence.monitoring.causes import ROOM, Cause, one_way_each
@@ -70,13 +69,11 @@ from sma_sim.evidence.monitoring.past import Past, Prior, Track, Window
 from sma_sim.evidence.search.posterior import TIE
 from sma_sim.evidence.search.score import SPARSITY, UNLISTED
 from sma_sim.evidence.state_estimation.uncertain import configured, prior_correlation, uncertain_parameters
+from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import package_effects
 from sma_sim.solver.model import Model
 from sma_sim.solver.simulate import SimulationError
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 NOTHING, NOT_LISTED = 'nothing', 'not listed'
 

@@ -8,13 +8,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sma_sim.model.arrays import Vector
 from sma_sim.model.effects.ports import CHANNELS
 from sma_sim.solver.fixed_rate import FixedRateRun, first_steps
 from sma_sim.solver.model import Model
-
-Vector = NDArray[np.float64]
 
 MODULE_CHANNEL_NAMES = CHANNELS[:7]  # U_x, U_y, alpha, F_1, F_2, T_1, T_2
 J_EQ, T_E = 0, 1  # columns of a module's input

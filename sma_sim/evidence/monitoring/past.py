@@ -14,14 +14,13 @@ from sma_sim.evidence.estimation.overdispersion import overdispersion_of_rows
 from sma_sim.evidence.estimation.problem import LinearizedRun
 from sma_sim.evidence.monitoring.live_criteria import BIN, CHECKPOINT, SHORTEST, SPAN, STEP
 from sma_sim.evidence.search.score import unlisted_evidence
+from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.solver.effect_table import layout, state_scales
 from sma_sim.solver.inputs import Input
 from sma_sim.solver.integrate import C_LAST_JUMP, C_WIRES, PER_WIRE_CONTROLS, Run
 from sma_sim.solver.model import Model
 from sma_sim.solver.simulate import SimulationError, Trajectory, new_run, new_work, simulate
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 Change = tuple[float, int, float]  # from when on [s], which column of the input, its value
 
 

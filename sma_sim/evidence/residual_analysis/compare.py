@@ -11,7 +11,6 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording, in_order
 from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, calibrate
@@ -22,12 +21,11 @@ from sma_sim.evidence.estimation.search_context import silent_iteration
 from sma_sim.evidence.residual_analysis.wire_states import with_derived_states
 from sma_sim.model.archive import Saved
 from sma_sim.model.argument_checks import checked
+from sma_sim.model.arrays import Vector
 from sma_sim.model.comparable import Comparable
 from sma_sim.model.config import Config
 from sma_sim.model.nearest import UnknownNameError, suggestion
 from sma_sim.model.shown import Shown, listed
-
-Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.residual_analysis.compare import Comparison
 from sma_sim.evidence.residual_analysis.strata import Dimension, dimensions, part_of_run
-
-Vector = NDArray[np.float64]
+from sma_sim.model.arrays import Vector
 
 
 @dataclass(frozen=True)

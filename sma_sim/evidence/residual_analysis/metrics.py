@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.chi_square import chi_square_tail
 from sma_sim.evidence.residual_analysis.compare import ComparedRun
+from sma_sim.model.arrays import Vector
 
-Vector = NDArray[np.float64]
 MAX_LAGS = 20  # of the whiteness test: enough for the time constants of wires at usual rates
 AT_NOISE = 1.05  # normalized RMSE below which a channel holds nothing to find
 

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.residual_analysis.compare import ComparedRun
+from sma_sim.model.arrays import Vector
 
-Vector = NDArray[np.float64]
 BAND_EDGES = (0.0, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)  # [Hz]
 MIN_SPECTRUM_SAMPLES = 16  # samples
 SEGMENTS = 4  # a segment is at most this part of the run ...

@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.data.display_units import ZERO_CELSIUS
 from sma_sim.evidence.residual_analysis.compare import Comparison
 from sma_sim.evidence.residual_analysis.error_by_stratum import ChannelSamples, samples_of
 from sma_sim.evidence.residual_analysis.wire_states import wires_of
+from sma_sim.model.arrays import Vector
 
-Vector = NDArray[np.float64]
 STATE_STEPS, RESIDUAL_STEPS = 56, 40
 MIN_SAMPLES = 5  # in a step of the state of which the mean is taken
 INSIDE = 0.998  # quantile of |residual| that the residual's range holds, a little enlarged

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from sma_sim.evidence.data.display_units import ZERO_CELSIUS
 from sma_sim.evidence.residual_analysis.compare import ComparedRun, Comparison
 from sma_sim.evidence.residual_analysis.wire_states import RESTING, rate_of_change, wires_of
+from sma_sim.model.arrays import Vector
 from sma_sim.model.structures.structure import Structure
 
-Vector = NDArray[np.float64]
 Classes = NDArray[np.int64]
 STEADY_RATE = 0.05  # |dT/dt| [K/s] below which a wire counts as neither heating nor cooling
 STILL_FRACTION = 0.02  # of its largest rate: below it a motion counts as none

@@ -19,10 +19,8 @@ from numpy.typing import NDArray
 from sma_sim.evidence.estimation.overdispersion import autocorrelation_time
 from sma_sim.evidence.residual_analysis.error_by_stratum import ChannelSamples
 from sma_sim.evidence.residual_analysis.strata import Classes, Dimension
+from sma_sim.model.arrays import Mask, Matrix, Vector
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 MIN_GAIN = 0.03  # a condition must add as much of share minus share of the samples
 MIN_COVERAGE = 0.02  # of the samples: smaller regions are not reported
 MAX_CONDITIONS = 3  # more of them nobody can read in a sentence

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.estimation.executors import one_thread_for_linear_algebra
@@ -28,6 +27,7 @@ from sma_sim.evidence.residual_analysis.subgroups import (
 )
 from sma_sim.evidence.residual_analysis.wire_states import rate_of_change
 from sma_sim.evidence.residual_analysis.wire_tests import Characterization, characterization
+from sma_sim.model.arrays import Vector
 from sma_sim.model.shown import joined_words
 
 
@@ -222,7 +222,6 @@ def percent(part: float) -> str:
 #
 # The residual over noise is fitted by least squares with each shape of the model's channel y alone: 1 (offset),
 # y - mean(y) (scale) and dy/dt (a lag of as many seconds, to first order). Blocks drawn again give the interval.
-Vector = NDArray[np.float64]
 MIN_PATTERN_SHARE = 0.25  # of the squared error: a shape that explains less is not reported
 
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.solver.wire_columns import strains_from_pose
 
-Vector = NDArray[np.float64]
 REST_DX = 1e-5  # |dx_M/dt| [1/s] below which a mode label says nothing (docs/explanation/physics.md) ...
 REST_DT = 0.05  # ... if the temperature stands still too [K/s]
 REST_DEPS = 1e-6  # ... and the strain [1/s]

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.curve_features import (
     CurveFeatures,
@@ -18,9 +17,9 @@ from sma_sim.evidence.estimation.curve_features import (
     median_slope,
 )
 from sma_sim.evidence.residual_analysis.compare import ComparedRun, Comparison
+from sma_sim.model.arrays import Vector
 from sma_sim.model.structures.discovery import known_structures
 
-Vector = NDArray[np.float64]
 Features = TypeVar('Features', IsobaricTest, IsothermalTest)
 
 

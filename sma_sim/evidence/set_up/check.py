@@ -47,11 +47,11 @@ from sma_sim.evidence.search.components import catalogue_for
 from sma_sim.evidence.search.refine import SKETCHED, WINDOW, Model, extended, model_of
 from sma_sim.evidence.search.score import SPARSITY
 from sma_sim.evidence.set_up.faults import Fault, corrected, faults_of, log_share, unit_of
+from sma_sim.model.arrays import Mask, Vector
 from sma_sim.model.config import Config
 from sma_sim.solver.inputs import Input, inputs_at
 from sma_sim.solver.simulate import SimulationError
 
-Vector = NDArray[np.float64]
 Rows = NDArray[np.float64]
 MAX_FAULTS = 6  # of one set-up: more are another robot, and each costs a fit
 FITTED = 3  # proposals that are fitted
@@ -478,7 +478,6 @@ def moving(run: FitData, rows: Rows) -> float:
 #
 # A model that lacks something, or whose parameters are not fitted yet, leaves residuals that are smooth from sample to
 # sample: differences of a high order leave their noise alone, and a median of neighbours their course.
-Mask = NDArray[np.bool_]
 ORDERS = (3, 4, 5)  # of differences: white noise has the same size by all of them, what moves has not
 SCATTER = 2.0  # times 1/samples: the variance of the log of a scale by differences of these orders
 MAX_STDS = 3.0  # by which two estimates of one number differ

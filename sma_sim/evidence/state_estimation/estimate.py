@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.model.arrays import Vector
 from sma_sim.solver.integrate import Run
 from sma_sim.solver.model import Model
-
-Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -24,17 +24,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.state_estimation.estimate import Estimate
 from sma_sim.model.argument_checks import expect
+from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.system import commanded_heating
 from sma_sim.solver.model import Model
 
-Vector = NDArray[np.float64]
 CYCLE = 0.1  # of x_M, by which a wire must have transformed to and fro for a cycle
 OVER = 'temperature', 'stress', 'strain', 'cycles'
 UNKNOWN, UNCERTAIN, NOT_FINITE = 'no estimate', 'uncertain estimate', 'a command that is not finite'

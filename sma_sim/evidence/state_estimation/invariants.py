@@ -27,10 +27,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.free_parameters import FreeParameter
+from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.solver.propagation import DELTA, Unknowns
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 STRESS = 1e8  # [Pa], unit of Theta and S
 STRAIN = 0.1  # unit of xi
 READ = tuple(f'wire.{name}' for name in ('sigma_T', 'eps_T', 'sigma_MW0', 'E_A', 'E_M', 'T0'))

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Collection
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import Recording
 from sma_sim.evidence.state_estimation.observer import Observer
+from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.nearest import suggestion
-
-Vector = NDArray[np.float64]
 
 
 def observe_recording(recording: Recording, config: Config, unused: Collection[str] = ()) -> dict[str, Vector]:

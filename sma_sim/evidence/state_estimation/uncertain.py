@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.free_parameters import (
     NARROW_PRIOR_STDS,
@@ -14,13 +13,11 @@ from sma_sim.evidence.estimation.free_parameters import (
     declared_parameters,
     free_parameter,
 )
+from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import Config
 from sma_sim.solver.effect_table import channel_scales
 from sma_sim.solver.model import Model
 from sma_sim.solver.propagation import DELTA
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 
 def uncertain_parameters(config: Config) -> tuple[FreeParameter, ...]:

@@ -19,8 +19,8 @@ from sma_sim.evidence.symbolic_regression.locations import EVERY_WIRE, Location,
 from sma_sim.evidence.symbolic_regression.term_fits import LinearizedFit, TermTrial
 from sma_sim.evidence.symbolic_regression.term_library import HAT_FUNCTION
 from sma_sim.evidence.symbolic_regression.visited_states import VisitedStates, term_values, visited_states
+from sma_sim.model.arrays import Vector
 
-Vector = NDArray[np.float64]
 NODES_PER_RUN = 25  # hat functions: points of a run in the plot
 NOT_DRAWN = ('memory', 'constant', 'deps', 'dx')  # variables that are no axis of a plot
 VARIABLE_UNITS = {'t': 's', 'T': 'K', 'T_other': 'K', 'J': 'W', 'x': '-'}

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from scipy.linalg import qr, solve_triangular
 
 from sma_sim.evidence.symbolic_regression.terms import Term
+from sma_sim.model.arrays import Matrix, Vector
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 Responses = list[NDArray[np.float64] | None]
 TOLERANCE = 0.3  # of the root mean square of a term along the runs, by which a combination may miss it
 

@@ -8,13 +8,11 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.problem import LinearizedRun, Problem
 from sma_sim.evidence.symbolic_regression.terms import ShapeParameter, Term
 from sma_sim.evidence.symbolic_regression.visited_states import VisitedStates
 
-Vector = NDArray[np.float64]
 # Cost grows with their product.
 THRESHOLDS_PER_RANGE, INSTANTS_PER_RUN, TIME_CONSTANTS_PER_RUN, MAX_FREQUENCIES = 9, 19, 7, 6
 WIDTH_FRACTIONS = (0.06, 0.15, 0.35)  # of the visited range

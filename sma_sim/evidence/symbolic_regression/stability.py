@@ -12,12 +12,11 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.problem import Problem, residuals_at
+from sma_sim.model.arrays import Vector
 
-Vector = NDArray[np.float64]
 SEGMENTS_PER_RUN = 25  # each longer than residuals correlate
 COMPLEMENTARY_PAIRS = 200  # of halves: shares are then known to within 3 %
 TIE_TOLERANCE = 1e-9  # of the squares: rounding

@@ -14,7 +14,6 @@ from functools import partial
 from math import inf
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.executors import run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
@@ -33,8 +32,8 @@ from sma_sim.evidence.symbolic_regression.visited_states import (
     term_values,
     visited_states,
 )
+from sma_sim.model.arrays import Vector
 
-Vector = NDArray[np.float64]
 RESPONSE_RTOL = 1e-4  # solver.rtol of the responses: both sides of each difference have it
 EXACT_TERMS = 100  # of the best whose own responses are simulated: combinations, and responses that are not linear, misorder
 

@@ -11,18 +11,17 @@ from types import CodeType, SimpleNamespace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.compiler.effect_kernels import coordinate_fields
 from sma_sim.evidence.estimation.problem import Problem
 from sma_sim.evidence.estimation.residuals import model_columns
 from sma_sim.evidence.symbolic_regression.locations import EVERY_WIRE, Location
 from sma_sim.evidence.symbolic_regression.terms import Term
+from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.parameters import wire_constants
 from sma_sim.solver.wire_columns import heating_of_wire, strains_from_pose, stresses_from_forces
 
-Vector = NDArray[np.float64]
 MAX_STATES_PER_RUN = 150  # instants at which terms are evaluated in Python: enough for a range and a mean square
 # What expressions of terms call, for all instants at once.
 ARRAY_FUNCTIONS = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from sma_sim.model.arrays import Vector
 from sma_sim.model.effects.ports import (
     S_CHANNEL,
     S_DEPS,
@@ -30,20 +31,7 @@ from sma_sim.model.effects.ports import (
     call_effect,
     call_effect_in,
 )
-from sma_sim.model.layout import (
-    O_DEPS,
-    O_DX,
-    O_EPS,
-    O_F,
-    O_J,
-    O_LENGTH,
-    O_SIGMA,
-    O_STRAIN,
-    O_V,
-    O_X,
-    System,
-    Vector,
-)
+from sma_sim.model.layout import O_DEPS, O_DX, O_EPS, O_F, O_J, O_LENGTH, O_SIGMA, O_STRAIN, O_V, O_X, System
 from sma_sim.model.material import resistance
 
 

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.model.arrays import Vector
 from sma_sim.model.optional import require
 from sma_sim.report.palette import BLUE, GREY, RED
 
-Vector = NDArray[np.float64]
 MEASURED, SHOWN = GREY, BLUE
 HELD_OUT = RED
 GRID = '#e5e8ec'

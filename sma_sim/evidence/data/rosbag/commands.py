@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.model.arrays import Vector
 from sma_sim.model.program_parameters import DEFAULTS
 
-Vector = NDArray[np.float64]
 Times = NDArray[np.int64]
 
 

@@ -9,11 +9,11 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.data.display_units import ZERO_CELSIUS
 from sma_sim.evidence.data.recording import FIRST
 from sma_sim.evidence.data.rosbag.commands import refusal
+from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import known_structures
 from sma_sim.model.structures.structure import MAX_WIRES, Structure
@@ -27,7 +27,6 @@ PAIR_COMMAND, WIRE_COMMAND = 'J_eq', 'J'  # topics of the heating: of an antagon
 SINGLE_CHANNELS = {'stress': 'wire_stresses', 'strain': 'wire_strains'}  # topics of what is measured on a test bench
 RESISTANCES = 'wire_resistances'
 
-Vector = NDArray[np.float64]
 # The columns, (k,) each, of k messages that agree in all but numbers, as `cdr` gives them.
 Decode = Callable[[Any], Mapping[str, Vector]]
 Decoders = Mapping[str, tuple[str, Decode]]  # message type and decoder by topic

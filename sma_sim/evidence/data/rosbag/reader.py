@@ -37,11 +37,11 @@ from sma_sim.evidence.data.rosbag.interface import (
 )
 from sma_sim.evidence.data.rosbag.raw_messages import Bag, open_bag
 from sma_sim.evidence.data.rosbag.writer import typestore
+from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import known_structures
 from sma_sim.model.structures.structure import Structure
 
-Vector = NDArray[np.float64]
 JITTER_WINDOW = 51  # stamped messages whose median delay counts: single ones arrive late, or several at once
 SAME_RATE = 0.01  # by which the rates of two clocks differ without a word
 SNAP_FRACTION = 0.3  # of a sample period: an unstamped message so near to a stamp belongs to it

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.data.display_units import ZERO_CELSIUS
 from sma_sim.evidence.data.rosbag.interface import (
@@ -29,10 +28,10 @@ from sma_sim.evidence.data.rosbag.interface import (
     known_interfaces,
 )
 from sma_sim.evidence.data.rosbag.writer import BagWriter, typestore
+from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.structure import Structure
 
-Vector = NDArray[np.float64]
 Message = tuple[str, str, Any]  # topic, message type, message
 Samples = Iterator[tuple[int, str, str, Any]]
 
