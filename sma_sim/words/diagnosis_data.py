@@ -10,9 +10,9 @@ from typing import Any
 
 from sma_sim.evidence.diagnosis.conclusion import ModelStage
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
+from sma_sim.evidence.estimation.plausibility import other_form
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
 from sma_sim.evidence.estimation.uncertainty import AmbientDifference
-from sma_sim.evidence.model_selection.candidates import other_form
 from sma_sim.evidence.search.equations import formula_of, has_terms
 from sma_sim.evidence.search.posterior import Posterior
 from sma_sim.evidence.search.steps import CandidateFit, SelectionStep

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from sma_sim.evidence.diagnosis.conclusion import HeldOutVerdict, ModelStage, PooledErrors
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
+from sma_sim.evidence.estimation.plausibility import unrealistic
 from sma_sim.evidence.estimation.run_estimates import disagreement
 from sma_sim.evidence.estimation.uncertainty import AmbientDifference, Interval
-from sma_sim.evidence.model_selection.candidates import unrealistic
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.search.steps import CandidateFit
 from sma_sim.evidence.set_up.check import is_uncertain

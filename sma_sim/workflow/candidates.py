@@ -28,12 +28,12 @@ from sma_sim.evidence.estimation.free_parameters import FreeParameter, free_para
 from sma_sim.evidence.estimation.held_out_prediction import point_with
 from sma_sim.evidence.estimation.levenberg_marquardt import bounded_step, secant_minimum
 from sma_sim.evidence.estimation.problem import (
-    DEFAULT_STEP,
     DELAY,
     LinearizedRun,
     Problem,
     cost_at,
     linearize,
+    own_derivatives,
     quadratic_model,
     residuals_at,
 )
@@ -309,19 +309,13 @@ def with_own_derivatives(
 
     Raises SimulationError where the model cannot be run at z.
     """
-    here = residuals_at(problem, z, executor)
-    own, high = range(len(problem.free)), problem.limits()[1]
-    steps = [DEFAULT_STEP if z[k] + DEFAULT_STEP <= high[k] else -DEFAULT_STEP for k in own]
-    moved = [
-        residuals_at(problem, z + step * (np.arange(len(z)) == k), executor) for k, step in zip(own, steps, strict=True)
-    ]
+    base = residuals_at(problem, z, executor)
+    derivatives = own_derivatives(problem, z, range(len(problem.free)), base, executor)
     found = []
-    for j, (run, indices) in enumerate(zip(linear, problem.indices(), strict=True)):
-        at, others = here[j], [there[j] for there in moved]
-        if at is None or any(other is None for other in others):
-            raise SimulationError(f'{problem.runs[j].name}: the model cannot be run with these parameters')
-        rows = [(other - at) / step for other, step in zip(others, steps, strict=True) if other is not None]
-        found.append(LinearizedRun(indices, at, np.concatenate([np.reshape(rows, (len(own), *at.shape)), run.jacobian])))
+    for run, data, indices, here, rows in zip(linear, problem.runs, problem.indices(), base, derivatives, strict=True):
+        if here is None or rows is None:
+            raise SimulationError(f'{data.name}: the model cannot be run with these parameters')
+        found.append(LinearizedRun(indices, here, np.concatenate([rows, run.jacobian])))
     return tuple(found)
 
 

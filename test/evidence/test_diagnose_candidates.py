@@ -7,7 +7,8 @@ from simulated_data import config
 from sma_sim import Config, Dataset, UserError, find_effects
 from sma_sim.cli.main import main
 from sma_sim.evidence.diagnosis.diagnose import diagnose
-from sma_sim.evidence.model_selection.candidates import candidates_for, is_plausible, other_form
+from sma_sim.evidence.estimation.plausibility import is_plausible, other_form
+from sma_sim.evidence.model_selection.candidates import candidates_for
 from sma_sim.model.config import read_config
 from sma_sim.model.effects.meaning import acts_on
 from sma_sim.model.structures.module import STRUCTURE as MODULE

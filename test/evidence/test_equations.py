@@ -23,7 +23,7 @@ from sma_sim.evidence.search.equations import has_terms, proposal_of
 from sma_sim.evidence.search.posterior import posterior_of
 from sma_sim.evidence.symbolic_regression.formula import Formula
 from sma_sim.evidence.symbolic_regression.locations import locations_for
-from sma_sim.evidence.symbolic_regression.shape_grids import VisitedRanges, peak_frequencies, shape_grid, shape_limits
+from sma_sim.evidence.symbolic_regression.shape_grids import VisitedRanges, grid_of, peak_frequencies, shape_grid
 from sma_sim.evidence.symbolic_regression.stability import stabilities
 from sma_sim.evidence.symbolic_regression.term_fits import LinearizedFit, TermFit, TermTrial, rms_value, with_own_responses
 from sma_sim.evidence.symbolic_regression.terms import factor, per_unit, product_unit
@@ -291,7 +291,7 @@ def test_an_oscillation_comes_again_in_a_run_and_is_sampled_twice_a_period(perio
     assert all(2.0 <= f * time[-1] <= 0.5 * samples for f in found)
     assert any(abs(f * time[-1] - periods) < 0.3 for f in found) == is_found
     shape = next(shape for term in LOCATIONS['heat'].terms for shape in term.shapes if shape.grid == 'frequency')
-    assert shape_limits(shape, VisitedRanges([], time[-1], found))[0] == pytest.approx(2.0 / time[-1])
+    assert grid_of(shape, VisitedRanges([], time[-1], found))[1][0] == pytest.approx(2.0 / time[-1])
 
 
 def test_effect_files_are_loaded_by_several_threads_at_once(tmp_path, monkeypatch):

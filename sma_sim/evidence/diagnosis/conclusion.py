@@ -42,7 +42,6 @@ from sma_sim.evidence.model_selection.sketches import at_defaults
 from sma_sim.evidence.search.beam import Book
 from sma_sim.evidence.search.equations import has_terms
 from sma_sim.evidence.search.posterior import EVEN, TIE, Posterior
-from sma_sim.evidence.search.refine import Model
 from sma_sim.evidence.search.score import evidence_at, evidence_of
 from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
@@ -164,11 +163,15 @@ def verdict_of(last: ModelStage, pooled: PooledErrors | None, posterior: Posteri
     """
     error = last.train if isnan(last.held_out) else last.held_out
     explained = error <= limit or (pooled is not None and pooled.explained(limit))
-    if has_terms(posterior.best) or not explained:
-        return 'unknown_effect'
-    if last.effects:
+    lacks_unlisted = limit <= CRITERIA.unexplained and posterior.unlisted > EVEN
+    return verdict_from(explained and not has_terms(posterior.best), last.effects, lacks_unlisted)
+
+
+def verdict_from(is_explained: bool, effects: Sequence[str], lacks_unlisted: bool) -> str:
+    """The verdict, by whether listed effects explain all, which they are, and whether something else is probably missing."""
+    if is_explained and effects:
         return 'missing_effect'
-    return 'unknown_effect' if limit <= CRITERIA.unexplained and posterior.unlisted > EVEN else 'none'
+    return 'none' if is_explained and not lacks_unlisted else 'unknown_effect'
 
 
 def verdicts_by_run(book: Book, posterior: Posterior, data: StageData, last: Conclusion) -> Mapping[str, HeldOutVerdict]:
@@ -185,20 +188,12 @@ def verdicts_by_run(book: Book, posterior: Posterior, data: StageData, last: Con
         best = max(book.models.values(), key=lambda model: model.score(k, number))
         error = sqrt(best.evidence.squares_without(k, number) / max(1, run.samples))
         effects = tuple(one.name for one in best.components if not (one.is_difference or one.is_formula))
-        found[run.name] = HeldOutVerdict(verdict_without(best, error, effects, data.limit), effects, error)
+        verdict = verdict_from(error <= data.limit and not has_terms(best), effects, best.lacks_unlisted)
+        found[run.name] = HeldOutVerdict(verdict, effects, error)
     for fit in last.stages[-1].predicted:
         effects = tuple(name for name in last.last.effects if name in posterior.effects)
         found[fit.name] = HeldOutVerdict(last.verdict, effects, fit.error)
     return found
-
-
-def verdict_without(best: Model, error: float, effects: Sequence[str], limit: float) -> str:
-    """The verdict on the model that is best without one run."""
-    if has_terms(best) or error > limit:
-        return 'unknown_effect'
-    if effects:
-        return 'missing_effect'
-    return 'unknown_effect' if best.lacks_unlisted else 'none'
 
 
 StageKind = Literal['nominal', 'added', 'retracted', 'formula']

@@ -21,6 +21,7 @@ from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95, Uncertainty
 from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import Config
+from sma_sim.model.effects.discovery import FoundEffect
 from sma_sim.model.parameters import Parameter
 
 USUAL_STDS = 2.0  # of a prior as wide as what is usual: of normal values all but a twentieth lie within
@@ -95,15 +96,39 @@ def realistic_range(parameter: Parameter) -> tuple[float, float] | None:
     return min(low, parameter.neutral), max(high, parameter.neutral)
 
 
+def tolerated_range(parameter: Parameter) -> tuple[float, float] | None:
+    """The realistic range of a parameter, and what is nearly in it."""
+    between = realistic_range(parameter)
+    if between is None:
+        return None
+    tolerance = RANGE_TOLERANCE * (between[1] - between[0])
+    return between[0] - tolerance, between[1] + tolerance
+
+
+def unrealistic(found: FoundEffect, values: Mapping[str, float]) -> list[Parameter]:
+    """The parameters of an effect whose value (by name, of those that are given) lies beyond the realistic range."""
+    ranges = ((p, tolerated_range(p)) for p in found.effect.parameters if p.name in values)
+    return [p for p, between in ranges if between is not None and not between[0] <= values[p.name] <= between[1]]
+
+
+def is_plausible(found: FoundEffect, values: Mapping[str, float]) -> bool:
+    """Whether all values of an effect lie in the realistic ranges; but for another form of its law."""
+    return all(is_form(parameter) for parameter in unrealistic(found, values))
+
+
+def other_form(found: FoundEffect, values: Mapping[str, float]) -> str:
+    """In words, with what exponent or saturation beyond its realistic range an effect acts; '' without any."""
+    return ', '.join(f'with {p.name} = {values[p.name]:.3g}' for p in unrealistic(found, values) if is_form(p))
+
+
 def plausible_range(parameter: FreeParameter, declared: Parameter) -> tuple[float, float, str]:
     """Between which coordinates a parameter is plausible, and by what (`reason` of an `ImplausibleParameter`)."""
-    between = realistic_range(declared)
+    between = tolerated_range(declared)
     if between is not None and is_form(declared):
         return parameter.low, parameter.high, 'realistic'
     if between is None:
         return -parameter.plausible, parameter.plausible, 'nominal'
-    tolerance = RANGE_TOLERANCE * (between[1] - between[0])
-    low, high = between[0] - tolerance, between[1] + tolerance
+    low, high = between
     return (
         parameter.coordinate(low) if low > 0.0 or not parameter.log else parameter.low,
         parameter.coordinate(high),

@@ -339,6 +339,28 @@ def difference_points(part: Vector, low: Vector, high: Vector, steps: Vector, ce
     return moves
 
 
+def own_derivatives(
+    problem: Problem, z: Vector, own: Sequence[int], base: Sequence[Matrix | None], executor: Executor
+) -> list[NDArray[np.float64] | None]:
+    """By run, the derivatives (own, channels, k) at z in some unknowns, by differences away from their upper bounds; `base`:
+    the residuals there. Zero where the model cannot be run beside z, None where not at z.
+    """
+    high = problem.limits()[1]
+    steps = [DEFAULT_STEP if z[k] + DEFAULT_STEP <= high[k] else -DEFAULT_STEP for k in own]
+    moved = [z + step * (np.arange(len(z)) == k) for k, step in zip(own, steps, strict=True)]
+    responses = [residuals_at(problem, at, executor) for at in moved]
+    found: list[NDArray[np.float64] | None] = []
+    for j, here in enumerate(base):
+        if here is None:
+            found.append(None)
+            continue
+        rows = np.zeros((len(own), *here.shape))
+        for row, k, at, there in zip(rows, own, moved, (response[j] for response in responses), strict=True):
+            row[:] = 0.0 if there is None else (there - here) / (at[k] - z[k])
+        found.append(rows)
+    return found
+
+
 def assembled(
     run: FitData,
     part: Vector,

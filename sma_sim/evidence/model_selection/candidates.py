@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
-from sma_sim.evidence.estimation.plausibility import is_form, realistic_range
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, find_effects
@@ -147,25 +146,3 @@ def law_of(found: FoundEffect, active: Iterable[ActiveEffect]) -> ActiveEffect |
     if not found.effect.scope.field:
         return None
     return next((one for one in active if one.found.effect.plain_name == found.effect.plain_name), None)
-
-
-def is_plausible(found: FoundEffect, values: Mapping[str, float]) -> bool:
-    """Whether all values (by name, those that are given) lie in the realistic ranges, or nearly; but for another form."""
-    return all(is_form(parameter) for parameter in unrealistic(found, values))
-
-
-def other_form(found: FoundEffect, values: Mapping[str, float]) -> str:
-    """In words, with what exponent or saturation beyond its realistic range an effect acts; '' without any."""
-    return ', '.join(f'with {p.name} = {values[p.name]:.3g}' for p in unrealistic(found, values) if is_form(p))
-
-
-def unrealistic(found: FoundEffect, values: Mapping[str, float]) -> list[Parameter]:
-    """The parameters whose value lies beyond the realistic range by more than literature is sharp."""
-    beyond = []
-    for parameter in found.effect.parameters:
-        between = realistic_range(parameter)
-        if between is not None and parameter.name in values:
-            tolerance = CRITERIA.range_tolerance * (between[1] - between[0])
-            if not between[0] - tolerance <= values[parameter.name] <= between[1] + tolerance:
-                beyond.append(parameter)
-    return beyond

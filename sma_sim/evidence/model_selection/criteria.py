@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sma_sim.evidence.estimation.plausibility import RANGE_TOLERANCE
-
 
 @dataclass(frozen=True)
 class SelectionCriteria:
@@ -16,8 +14,6 @@ class SelectionCriteria:
     """Where in its realistic range a parameter without a neutral value is probed: the centres of its thirds."""
     probe_fraction: float = 0.3
     """Probe step as a fraction of a realistic range that begins at neutral: visible, and still in the linear part."""
-    range_tolerance: float = RANGE_TOLERANCE
-    """Fraction of its width by which a value may lie beyond its realistic range: literature values are not sharper."""
     log_range_ratio: float = 3.0
     """Ends of a range whose ratio is larger are interpolated logarithmically."""
 

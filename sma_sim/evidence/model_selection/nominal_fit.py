@@ -12,9 +12,10 @@ from sma_sim.evidence.estimation.log_evidence import more_probable
 from sma_sim.evidence.estimation.prepared_fit import PreparedFit, check_kinetics
 from sma_sim.evidence.estimation.search_context import OnModel, SearchContext, silent_model
 from sma_sim.evidence.estimation.stop_criteria import NOMINAL_MODEL
+from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.model.argument_checks import as_folders, check_fields
 from sma_sim.model.config import Config
-from sma_sim.model.effects.discovery import ActiveEffect, effects_on, find_effects
+from sma_sim.model.effects.discovery import effects_on, find_effects
 from sma_sim.model.renamed import renamed
 
 GRADIENT = 'temperature_gradient'  # the effect of a specimen that is not equally warm
@@ -104,5 +105,4 @@ def with_temperature_gradient(config: Config) -> Config:
     if any(given.found.effect.name == GRADIENT for given in config.effects):
         return config
     found = effects_on(find_effects(), [GRADIENT], config.structure.structure, config.parameters)[GRADIENT]
-    values = tuple(p.default for p in found.effect.parameters)
-    return replace(config, effects=(*config.effects, ActiveEffect(found, values)))
+    return with_effect(config, found, {p.name: p.default for p in found.effect.parameters})

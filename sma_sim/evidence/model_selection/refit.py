@@ -12,10 +12,11 @@ import numpy as np
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import declared_parameters, default_names, free_parameter
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize, with_early_stopping
+from sma_sim.evidence.estimation.plausibility import is_plausible
 from sma_sim.evidence.estimation.problem import Problem
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, StopCriteria
-from sma_sim.evidence.model_selection.candidates import Candidate, is_plausible
+from sma_sim.evidence.model_selection.candidates import Candidate
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.model.arrays import Vector
 from sma_sim.model.effects.discovery import FoundEffect

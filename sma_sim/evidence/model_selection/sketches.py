@@ -19,41 +19,36 @@ from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import declared_parameters, free_parameter
 from sma_sim.evidence.estimation.levenberg_marquardt import secant_minimum
 from sma_sim.evidence.estimation.problem import (
-    DEFAULT_STEP,
     LinearizedRun,
     Problem,
     linearize,
     near,
+    own_derivatives,
     residuals_at,
     start_point,
 )
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, FROM_PRIORS, SKETCH_DECREASE
+from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.model.arrays import Matrix, Vector
-from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.solver.simulate import SimulationError
 
 
 def with_candidate(base: FitResult, screened: ScreeningResult) -> tuple[Problem, Vector]:
     """The problem with one more effect, and where to start: the fit without it and what the screening found."""
-    found = screened.candidate.found
-    effect, problem = found.effect, base.problem
-    neutral = tuple(p.default if p.neutral is None else float(p.neutral) for p in effect.parameters)
-    config = replace(problem.config, effects=(*problem.config.effects, ActiveEffect(found, neutral)))
-    declared = declared_parameters(config)
-    new, start = [], []
-    for p, value in zip(effect.parameters, neutral, strict=True):
+    problem, effect = base.problem, screened.candidate.found.effect
+    config = with_effect(problem.config, screened.candidate.found, {})
+    declared, new, start = declared_parameters(config), [], []
+    for p, value in zip(effect.parameters, config.effects[-1].values, strict=True):
         if p.name in screened.values:
             name = f'effects.{effect.name}.{p.name}'
             free = free_parameter(name, value, declared[name])
             new.append(free)
             start.append(float(np.clip(free.coordinate(screened.values[p.name]), free.low, free.high)))
     at = len(problem.free)
-    return (
-        replace(problem, config=config, free=(*problem.free, *new)),
-        np.concatenate([base.z[:at], start, base.z[at:]]),
-    )
+    z = np.concatenate([base.z[:at], start, base.z[at:]])
+    return replace(problem, config=config, free=(*problem.free, *new)), z
 
 
 def at_prior_means(base: FitResult) -> FitResult:
@@ -135,16 +130,12 @@ def sketch(
     own = range(first, len(problem.free))
     base = residuals_at(problem, z, context.pool)
     corrections = smoothing_at(problem, z, base, [run.correction for run in linear], context.pool)
-    moved = [moved_along(problem, z, k) for k in own]
-    responses = [residuals_at(near(problem, corrections), at, context.pool) for at in moved]
+    derivatives = own_derivatives(near(problem, corrections), z, own, base, context.pool)
     joint = []
     for j, (run, indices) in enumerate(zip(linear, problem.indices(), strict=True)):
-        here = base[j]
-        if here is None:
+        here, rows = base[j], derivatives[j]
+        if here is None or rows is None:
             return None
-        rows = np.zeros((len(own), *here.shape))
-        for row, k, at, there in zip(rows, own, moved, (response[j] for response in responses), strict=True):
-            row[:] = 0.0 if there is None else (there - here) / (at[k] - z[k])
         jacobian = np.concatenate([run.jacobian[:first], rows, run.jacobian[first:]])
         joint.append(LinearizedRun(indices, here, jacobian, corrections[j]))
     least = SKETCH_DECREASE * min(start.cost, float(problem.samples))
@@ -163,11 +154,3 @@ def smoothing_at(
     return [
         one if one is None else None if exact is None or smooth is None else exact - smooth for exact, smooth, one in pairs
     ]
-
-
-def moved_along(problem: Problem, z: Vector, k: int) -> Vector:
-    """A difference step along one unknown, away from its upper bound."""
-    high = problem.limits()[1][k]
-    at = z.copy()
-    at[k] += DEFAULT_STEP if z[k] + DEFAULT_STEP <= high else -DEFAULT_STEP
-    return at

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sma_sim.compiler.effect_kernels import coordinate_fields
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.symbolic_regression.formula import Formula
-from sma_sim.evidence.symbolic_regression.locations import EVERY_WIRE, Location, locations_for
+from sma_sim.evidence.symbolic_regression.locations import EVERY_WIRE, Location
 from sma_sim.evidence.symbolic_regression.term_fits import LinearizedFit, TermTrial
 from sma_sim.evidence.symbolic_regression.term_library import HAT_FUNCTION
 from sma_sim.evidence.symbolic_regression.visited_states import VisitedStates, term_values, visited_states
@@ -64,12 +64,16 @@ def partial_residual_plot(fitted: FitResult, formula: Formula, pool: Executor) -
     """What the missing quantity did in the training runs, over the variable on which the formula depends."""
     linearized = LinearizedFit(fitted.problem, fitted.z, pool)
     variable, runs = chosen_variable(formula), fitted.problem.runs
-    locations = single_locations(formula.location, fitted)
+    singles = [one for one in linearized.locations if one.name in formula.location.ports]
+    locations = singles if formula.location.component == EVERY_WIRE else [formula.location]
     visited = [visited_states(location, fitted.problem, fitted.z) for location in locations]
     values = [formula_values(formula, states) for of_location in visited for states in of_location]
     size = max(float(np.sqrt(np.mean(np.concatenate(values) ** 2))), 1e-300)
     nodes = [np.linspace(float(run.time[0]), float(run.time[-1]), NODES_PER_RUN) for run in runs]
-    coefficients, errors = ridge_solution(hat_responses(linearized, locations, nodes, size), linearized.projected_residuals)
+    columns = hat_responses(linearized, locations, nodes, size)
+    covariance = np.linalg.inv(columns @ columns.T + np.eye(len(columns)))  # their prior has a width of one
+    coefficients = covariance @ (-columns @ linearized.projected_residuals)
+    errors = np.sqrt(np.diag(covariance))
     by_run: list[PartialResiduals] = []
     for k, of_location in enumerate(visited):
         for j, (run, states) in enumerate(zip(runs, of_location, strict=True)):
@@ -82,7 +86,9 @@ def partial_residual_plot(fitted: FitResult, formula: Formula, pool: Executor) -
             by_run.append(PartialResiduals(label, x, quantity, size * errors[part], at_nodes))
     location = formula.location
     label, unit = axis_of(variable, formula)
-    curve = formula_curve(formula, variable, visited) if formula.variables == (variable,) else None
+    x = np.concatenate([states.fields[variable] for of_location in visited for states in of_location])
+    order, y = np.argsort(x), np.concatenate(values)
+    curve = (x[order], y[order]) if formula.variables == (variable,) else None
     return PartialResidualPlot(label, unit, location.description, location.unit, tuple(by_run), curve)
 
 
@@ -96,27 +102,12 @@ def axis_of(variable: str, formula: Formula) -> tuple[str, str]:
     return VARIABLE_LABELS.get(variable, variable), VARIABLE_UNITS.get(variable, formula.location.unit)
 
 
-def formula_curve(formula: Formula, variable: str, visited: list[list[VisitedStates]]) -> tuple[Vector, Vector]:
-    """The formula at all values of its variable that the runs visit, in their order."""
-    x = np.concatenate([states.fields[variable] for of_location in visited for states in of_location])
-    y = np.concatenate([formula_values(formula, states) for of_location in visited for states in of_location])
-    order = np.argsort(x)
-    return x[order], y[order]
-
-
 def chosen_variable(formula: Formula) -> str:
     """The state over which the quantity is drawn: that of a shape, time, or the first on which the formula depends."""
     of_shapes = [shape.of for term in formula.terms for shape in term.shapes if shape.of]
     timed = [shape for term in formula.terms for shape in term.shapes if shape.grid in ('instant', 'frequency')]
     drawable = [name for name in formula.variables if name not in NOT_DRAWN]
     return (of_shapes or (['t'] if timed else []) or drawable or ['t'])[0]
-
-
-def single_locations(location: Location, fitted: FitResult) -> list[Location]:
-    """The location itself, or each of the wires."""
-    if location.component != EVERY_WIRE:
-        return [location]
-    return [single for single in locations_for(fitted.problem.config, ()) if single.name in location.ports]
 
 
 def formula_values(formula: Formula, states: VisitedStates) -> Vector:
@@ -143,9 +134,3 @@ def hat_responses(
                 column = linearized.projection.visible(of_run)
                 columns.append(np.zeros_like(of_run) if column is None else column)
     return np.array(columns)
-
-
-def ridge_solution(columns: NDArray[np.float64], residuals: Vector) -> tuple[Vector, Vector]:
-    """Coefficients of the columns that explain the residuals, with standard errors; their prior has a width of one."""
-    covariance = np.linalg.inv(columns @ columns.T + np.eye(len(columns)))
-    return covariance @ (-columns @ residuals), np.sqrt(np.diag(covariance))

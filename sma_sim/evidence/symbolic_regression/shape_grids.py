@@ -13,6 +13,7 @@ from sma_sim.evidence.estimation.problem import LinearizedRun, Problem
 from sma_sim.evidence.symbolic_regression.terms import ShapeParameter, Term
 from sma_sim.evidence.symbolic_regression.visited_states import VisitedStates
 
+Limits = tuple[float, float]
 # Cost grows with their product.
 THRESHOLDS_PER_RANGE, INSTANTS_PER_RUN, TIME_CONSTANTS_PER_RUN, MAX_FREQUENCIES = 9, 19, 7, 6
 WIDTH_FRACTIONS = (0.06, 0.15, 0.35)  # of the visited range
@@ -39,50 +40,34 @@ class VisitedRanges:
         return float(np.percentile(values, TRIMMED_PERCENT)), float(np.percentile(values, 100.0 - TRIMMED_PERCENT))
 
 
-def grid_values(shape: ShapeParameter, ranges: VisitedRanges) -> tuple[float, ...]:
-    """The grid of one shape parameter; empty for a threshold or width of a variable that stays where it is."""
-    if shape.grid == 'fixed':
-        return shape.values
-    if shape.grid == 'frequency':
-        return ranges.frequencies
+def grid_of(shape: ShapeParameter, ranges: VisitedRanges) -> tuple[tuple[float, ...], Limits]:
+    """The first values of a shape parameter, none of a variable that stays where it is, and its realistic range in the file:
+    the values that data of these ranges can tell, with some margin."""
+    length = ranges.length
     if shape.grid == 'phase':
-        return PHASES
+        return PHASES, (-2.0 * math.pi, 3.0 * math.pi)
+    if shape.grid == 'frequency':
+        return ranges.frequencies, (MIN_PERIODS / length, 5.0 * max(ranges.frequencies, default=MAX_PERIODS / length))
     if shape.grid == 'instant':
-        return tuple(np.linspace(0.0, ranges.length, INSTANTS_PER_RUN + 2)[1:-1])
-    if shape.grid == 'time_constant':
-        return tuple(np.geomspace(MIN_TIME_CONSTANT, 1.0, TIME_CONSTANTS_PER_RUN) * ranges.length)
-    low, high = ranges.range_of(shape.of)
-    if high - low <= MIN_RELATIVE_RANGE * max(abs(low), abs(high)):
-        return ()
-    if shape.grid == 'threshold':
-        return tuple(np.linspace(low, high, THRESHOLDS_PER_RANGE + 2)[1:-1])
-    if shape.grid == 'width':
-        return tuple(fraction * (high - low) for fraction in WIDTH_FRACTIONS)
-    return tuple(2.0 * math.pi * PERIODS_PER_RANGE / (high - low))
-
-
-def shape_limits(shape: ShapeParameter, ranges: VisitedRanges) -> tuple[float, float]:
-    """The values that data of these ranges can tell, with some margin: the realistic range in the file."""
-    if shape.grid == 'phase':
-        return -2.0 * math.pi, 3.0 * math.pi
-    if shape.grid == 'frequency':
-        return MIN_PERIODS / ranges.length, 5.0 * max(ranges.frequencies, default=MAX_PERIODS / ranges.length)
+        return tuple(np.linspace(0.0, length, INSTANTS_PER_RUN + 2)[1:-1]), (0.0, length)
     if shape.grid in ('fixed', 'time_constant'):
-        values = grid_values(shape, ranges) or (1.0 / ranges.length,)
-        return 0.2 * min(values), 5.0 * max(values)
-    if shape.grid == 'instant':
-        return 0.0, ranges.length
+        times = tuple(np.geomspace(MIN_TIME_CONSTANT, 1.0, TIME_CONSTANTS_PER_RUN) * length)
+        values = shape.values if shape.grid == 'fixed' else times
+        return values, (0.2 * min(values), 5.0 * max(values))
     low, high = ranges.range_of(shape.of)
+    width = high - low
+    if width <= MIN_RELATIVE_RANGE * max(abs(low), abs(high)):
+        return (), (low, high)
     if shape.grid == 'threshold':
-        return low - 0.2 * (high - low), high + 0.2 * (high - low)
+        return tuple(np.linspace(low, high, THRESHOLDS_PER_RANGE + 2)[1:-1]), (low - 0.2 * width, high + 0.2 * width)
     if shape.grid == 'width':
-        return 0.01 * (high - low), 3.0 * (high - low)
-    return 0.5 * math.pi / (high - low), 60.0 * math.pi / (high - low)
+        return tuple(fraction * width for fraction in WIDTH_FRACTIONS), (0.01 * width, 3.0 * width)
+    return tuple(2.0 * math.pi * PERIODS_PER_RANGE / width), (0.5 * math.pi / width, 60.0 * math.pi / width)
 
 
 def shape_grid(term: Term, ranges: VisitedRanges) -> list[tuple[float, ...]]:
     """All combinations of a term's shapes."""
-    return list(product(*(grid_values(shape, ranges) for shape in term.shapes)))
+    return list(product(*(grid_of(shape, ranges)[0] for shape in term.shapes)))
 
 
 def peak_frequencies(problem: Problem, linearized: Sequence[LinearizedRun]) -> tuple[float, ...]:

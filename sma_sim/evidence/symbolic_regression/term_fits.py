@@ -23,7 +23,7 @@ from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.score_tests import Projection
 from sma_sim.evidence.symbolic_regression.locations import EVERY_WIRE, Location, locations_for
 from sma_sim.evidence.symbolic_regression.response_basis import by_combination, by_product, follows_slow_states
-from sma_sim.evidence.symbolic_regression.shape_grids import VisitedRanges, peak_frequencies, shape_grid, shape_limits
+from sma_sim.evidence.symbolic_regression.shape_grids import VisitedRanges, grid_of, peak_frequencies, shape_grid
 from sma_sim.evidence.symbolic_regression.terms import Term
 from sma_sim.evidence.symbolic_regression.universal_term import universal_term
 from sma_sim.evidence.symbolic_regression.visited_states import (
@@ -66,11 +66,6 @@ class TermFit:
     def trial(self) -> TermTrial:
         """What is simulated of it: what was found where that is less than was tried, as over more a response may bend."""
         return TermTrial(self.term, self.shapes, min(self.tried, self.coefficient, key=abs))
-
-    @property
-    def name(self) -> str:
-        """Location and term."""
-        return f'{self.location.name}: {self.term.name}'
 
 
 class LinearizedFit:
@@ -154,7 +149,7 @@ def fit_terms_at(linearized: LinearizedFit, group: Sequence[Location], stop: Sto
             fit = term_fit(linearized, location, trial, response)
             key = location.name, trial.term.name
             if fit and fit.error_reduction > (best[key].error_reduction if key in best else 0.0):
-                best[key] = replace(fit, limits=tuple(shape_limits(shape, ranges) for shape in trial.term.shapes))
+                best[key] = replace(fit, limits=tuple(grid_of(shape, ranges)[1] for shape in trial.term.shapes))
     return list(best.values())
 
 

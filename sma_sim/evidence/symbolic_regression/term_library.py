@@ -20,6 +20,7 @@ HAT_FUNCTION = Term(
     (ShapeParameter('t_0', 's', 'instant'), ShapeParameter('width', 's', 'time_constant')),
 )
 DECAY_POWER = ShapeParameter('power', '-', 'fixed', values=(1.5,), description='how fast it decays with the distance')
+TIME_CONSTANT = ShapeParameter('tau', 's', 'time_constant', description='time constant')
 CONSTANT = Term('constant', '1.0', '-', ('constant',))
 
 
@@ -63,14 +64,13 @@ def of_variable(name: str, value: str, unit: str, variable: str, offset: str = '
 def of_time() -> tuple[Term, ...]:
     """Functions of time: drift, settling, a switch, the onset of a drift, oscillation, a duty cycle."""
     instant = ShapeParameter('t_0', 's', 'instant', description='instant, counted from the beginning of the run')
-    time_constant = ShapeParameter('tau', 's', 'time_constant', description='time constant')
     frequency = ShapeParameter('f', 'Hz', 'frequency', description='frequency')
     phase = ShapeParameter('phase', 'rad', 'phase', description='phase at the beginning of the run')
     angle = '2.0 * math.pi * {f} * s.t + {phase}'
     on = ('t',)
     return (
         Term('time', 's.t', 's', on),
-        Term('settling', '1.0 - math.exp(-s.t / {tau})', '-', on, (time_constant,)),
+        Term('settling', '1.0 - math.exp(-s.t / {tau})', '-', on, (TIME_CONSTANT,)),
         Term('switched', f'0.5 * (1.0 + math.tanh((s.t - {{t_0}}) / {SWITCH_TIME}))', '-', on, (instant,)),
         Term('since', 'max(0.0, s.t - {t_0})', 's', on, (instant,)),
         Term('oscillation', f'math.sin({angle})', '-', on, (frequency, phase)),
@@ -80,8 +80,7 @@ def of_time() -> tuple[Term, ...]:
 
 def averaged_term(name: str, value: str, unit: str, variables: tuple[str, ...], expression: str, start: str = '0.0') -> Term:
     """A term `expression` that reads ``m.z``, the slow first-order average of `value`."""
-    time_constant = ShapeParameter('tau', 's', 'time_constant', description='time constant')
-    return Term(name, expression, unit, (*variables, 'memory'), (time_constant,), f'({value} - m.z) / {{tau}}', start, 10.0)
+    return Term(name, expression, unit, (*variables, 'memory'), (TIME_CONSTANT,), f'({value} - m.z) / {{tau}}', start, 10.0)
 
 
 @cache
