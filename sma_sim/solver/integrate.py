@@ -295,7 +295,7 @@ def run_segment(run: Run, segment: Segment, p: System, w: Work, limits: Limits, 
             copy_into(y, w.y_new)
         t = t_new
         if theta <= 1.0:
-            evaluated = not jump_now(t, run, segment, p, w, log) and not p.mas
+            evaluated = not jump_now(t, run, segment, p, w, log)
         else:
             evaluated = not p.mas and not has_offsets(p.effects)  # these depend on the fraction that is now remembered
             remember_fraction(run.state, p, w.guard.obs)
