@@ -148,7 +148,7 @@ def as_array(name: str, value: Any, like: str = '') -> NDArray[np.float64]:
     try:
         return np.asarray(value, dtype=float)
     except (TypeError, ValueError) as error:
-        raise UserError(f'{name}: expected numbers{like and f" {like}"}, got {value!r}') from error
+        raise UserError(f'{name}: expected numbers{like and f" {like}"}, got {shown(value)}') from error
 
 
 def as_kelvin(name: str, value: float) -> float:

@@ -12,6 +12,7 @@ from sma_sim.model.errors import PhysicsWarning
 from sma_sim.model.layout import O_S_A, O_S_M, Evaluation, InputPoint
 from sma_sim.model.material import heat_capacity
 from sma_sim.model.system import flow
+from sma_sim.model.unit_mismatch import mismatch_of
 from sma_sim.solver.effect_table import own_scratch
 from sma_sim.solver.inputs import Input
 from sma_sim.solver.integrate import COMPLETED, RATE_NOT_FINITE, REASONS, STALLED, STEP_UNDERFLOW, Run
@@ -19,7 +20,6 @@ from sma_sim.solver.model import Model, new_findings
 
 NARROW = 1e5  # [Pa]: a hysteresis that has nearly closed
 MELTING_POINT = 1583.0  # [K] of NiTi: 1310 deg C (Massalski, Binary Alloy Phase Diagrams, 1990)
-COLD = 150.0  # [K]: no robot's surroundings; degrees Celsius that were given as kelvin are below
 NO_CAPACITY = 0.1  # of a wire's own, where a run that cannot go on is said to lack it
 
 
@@ -94,13 +94,12 @@ def melting_note(temperatures: Vector) -> str:
 
 
 def notes_on_commands(model: Model, source: Input) -> tuple[str, ...]:
-    """Which commands are beyond what the node lets through, and an ambient temperature that is hardly one in kelvin."""
+    """Which commands are beyond what the node lets through, and what of the input can hardly be in SI units."""
     structure, J_max = model.structure, model.config.parameters['node.J_max']
-    values = np.asarray(source.values, float)[:, len(structure.drives) : -1]
-    cold = np.asarray(source.values, float)[:, -1].min()
-    notes = (f'T_E comes to {cold:g} K: expected kelvin, not degrees Celsius',) if cold < COLD else ()
-    if not structure.antagonistic and values.size and values.min() < 0.0:
-        notes = (*notes, f'the heating of a wire comes to {values.min():g} W: a current heats, whatever its sign')
+    columns = np.asarray(source.values, float).T
+    values = columns[len(structure.drives) : -1].T
+    mismatches = ((name, mismatch_of(name, given)) for name, given in zip(structure.input_columns, columns, strict=True))
+    notes = tuple(f'{name}: {mismatch.words}' for name, mismatch in mismatches if mismatch is not None)
     for note in notes:
         warnings.warn(note, PhysicsWarning, stacklevel=4)  # at the line that calls `simulate`
     return notes + tuple(

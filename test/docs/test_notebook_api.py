@@ -5,6 +5,7 @@ import importlib.util
 import pickle
 import re
 import sys
+import warnings
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
@@ -15,7 +16,9 @@ import pytest
 
 import sma_sim
 from sma_sim import Config, Dataset, FitOptions, Model, Recording, UserError, module_input, simulate
+from sma_sim.control import PredictiveController
 from sma_sim.evidence.estimation.calibrate import LimitReached
+from sma_sim.guard import Guard
 from sma_sim.model.archive import MOVED, resolved
 from sma_sim.model.progress import ProgressLine
 from sma_sim.observer import Observer
@@ -337,7 +340,7 @@ SHAPES = {
     ),
     'degrees': (
         lambda: sma_sim.calibrate(one(channels={'alpha': np.linspace(0.0, 20.0, 13)}), Config()),
-        'recording r, channel alpha: expected radians up to pi, got 18.3333, which looks like degrees; multiply by 0.01745',
+        'recording r, channel alpha: expected radians up to pi, got 20, which looks like degrees; multiply by 0.01745',
     ),
     'wires in degrees Celsius': (
         lambda: recorded(channels={'T_1': np.append(np.full(12, 25.0), np.nan)}),
@@ -346,6 +349,83 @@ SHAPES = {
     'milliwatts': (
         lambda: sma_sim.compare(one(source=module_input([0.0, 4.0, 8.0, 12.0], [0.0, 9e3, -9e3, 0.0])), Config()),
         'source, J_eq_W: expected watts, at most 2000, got 9000, which looks like milliwatts; multiply by 0.001',
+    ),
+    'degrees, held out': (
+        lambda: sma_sim.evaluate_held_out(Config(), one(channels={'alpha': np.linspace(0.0, 20.0, 13)})),
+        'which looks like degrees; multiply by 0.01745',
+    ),
+    'millimetres of a recording': (
+        lambda: sma_sim.predict(Config(), recorded(channels={'U_y': np.linspace(0.0, 3.0, 13)})),
+        'recording r, channel U_y: expected metres, less than 0.5, got 3, which looks like millimetres; multiply by 0.001',
+    ),
+    'degrees, compared as held out': (
+        lambda: sma_sim.compare(one(), Config(), one('q', channels={'alpha': np.linspace(0.0, 20.0, 13)})),
+        'recording q, channel alpha: expected radians',
+    ),
+    'held out of another system': (
+        lambda: sma_sim.diagnose(one(), Config(), Dataset(pulled(), {'stress': 1e6})),
+        'pull is a recording of a wire',
+    ),
+    'prediction of another system': (lambda: sma_sim.predict(Config(), pulled()), 'pull is a recording of a wire'),
+    'per cent': (
+        lambda: sma_sim.predict(Config(system='wire'), pulled(6.0)),
+        'source, strain: expected a fraction such as 0.05, got 6, which looks like percent; multiply by 0.01',
+    ),
+    'megapascal': (
+        lambda: sma_sim.evaluate_held_out(Config(system='wire'), Dataset(pulled(stress=300.0), {'stress': 1e6})),
+        'channel stress: expected pascal, 10000 at least in a loaded wire, got 300, which looks like megapascal',
+    ),
+    'compared with itself': (lambda: sma_sim.compare(one(), Config(), one()), "'r' is there twice"),
+    'latent inputs of another system': (
+        lambda: sma_sim.estimate_latent_inputs(one(), Config(), Dataset(pulled(), {'stress': 1e6})),
+        'pull is a recording of a wire',
+    ),
+    'a delay in milliseconds': (
+        lambda: sma_sim.evaluate_held_out(Config(), one(), 30.0),
+        'delay = 30: expected seconds, less than the 12 s of r',
+    ),
+    'a delay in milliseconds, predicted': (
+        lambda: sma_sim.predict(Config(), recorded(), sma_sim.Nuisance(delay=30.0)),
+        'delay = 30: expected seconds',
+    ),
+    'switches of exact commands': (
+        lambda: sma_sim.predict(Config(), recorded(), sma_sim.Nuisance(switches=(0.5, 0.5))),
+        'switches = (0.5, 0.5): expected 0 part(s) of a sampling interval',
+    ),
+    'error of a fit': (
+        lambda: sma_sim.evaluate_held_out(Config(), one(), fitted_error=-1.0),
+        'fitted_error = -1.0: expected',
+    ),
+    'infinite samples': (lambda: recorded(channels={'alpha': ALPHA + np.inf}), 'and NaN where a sample is missing'),
+    'times of changes': (lambda: recorded(known_changes=(np.nan,)), 'known_changes: expected times [s], got (nan,)'),
+    'error of no column': (
+        lambda: recorded(imposed_std={'T_K': 1.0}),
+        'imposed_std: expected standard deviations (SI) by column',
+    ),
+    'floor of no channel': (
+        lambda: Dataset(recorded(), floor={'alhpa': 1.0}),
+        "floor: no channel 'alhpa'; did you mean alpha",
+    ),
+    'negative resolution': (lambda: Dataset(recorded(), resolution={'alpha': -1.0}), 'resolution of alpha = -1.0: expected'),
+    'bench without a deviation': (
+        lambda: Dataset(recorded(), nuisances={'power_scale': {'k': -0.1}}),
+        'nuisances, power_scale.k = -0.1: expected a standard deviation, more than 0',
+    ),
+    'effect of no bench': (
+        lambda: sma_sim.calibrate(replace(one(), nuisances={'sensor_lagg': {'tau': 1.0}}), Config()),
+        'did you mean sensor_lag',
+    ),
+    'rate of a challenge': (
+        lambda: sma_sim.make_challenge(1, plan=sma_sim.RecordingPlan(rate=-1.0)),
+        'expected at least 1 s and 1/s',
+    ),
+    'forecast of nothing': (lambda: Observer(Config()).forecast(1.0, [1.0]), 'the observer has no measurement yet'),
+    'forecast of the past': (lambda: observed().forecast(1.0, [1.0]), 'that increase from 5 s on, that of the last message'),
+    'command of an observer': (lambda: Observer(Config()).update(0.0, ['a']), "J_eq: expected numbers [W], got ['a']"),
+    'command of a guard': (lambda: Guard(Config()).limit('a', None, 0.0), "J_eq: expected numbers [W], got 'a'"),
+    'target of another length': (
+        lambda: PredictiveController(Config()).step(0.0, {'alpha': 0.0}, lambda times: times[1:]),
+        'target: expected a finite value of the coordinate for each of 11 times, got an array of shape (10,)',
     ),
     'column of a channel': (lambda: Recording('r', 'module', TIME, {'alpha_rad': ALPHA}, COMMAND), 'did you mean alpha'),
     'samples': (lambda: Recording('r', 'module', TIME, {'alpha': ALPHA[1:]}, COMMAND), 'expected 13 samples'),
@@ -435,6 +515,18 @@ def recorded(time=TIME, source=COMMAND, channels=None, **more):
     return Recording('r', 'module', time, channels or {'alpha': ALPHA}, source, **more)
 
 
+def pulled(strain=0.06, stress=3e8):
+    """A recording of a wire on a tensile machine."""
+    source = sma_sim.wire_input([0.0, 12.0], [0.0, strain])
+    return Recording('pull', 'wire', TIME, {'stress': np.linspace(0.0, stress, 13)}, source)
+
+
+def observed():
+    observer = Observer(Config())
+    observer.update(5.0, 1.0)
+    return observer
+
+
 def under_load():
     return Config(system='wire').on_bench('wire_under_load')
 
@@ -443,15 +535,42 @@ def slider():
     return Config(system='slider')
 
 
-def one(**more):
-    return Dataset(recorded(**more), {'alpha': 1e-3})
+def one(name='r', **more):
+    return Dataset(replace(recorded(**more), name=name), {'alpha': 1e-3, 'U_y': 1e-5})
 
 
+@pytest.mark.filterwarnings('ignore::sma_sim.PhysicsWarning')
 @pytest.mark.parametrize('mistake', SHAPES)
 def test_a_wrong_argument_is_refused_with_its_cure(mistake):
     wrong, words = SHAPES[mistake]
     with pytest.raises(UserError, match=re.escape(words)):
         wrong()
+
+
+def test_what_can_hardly_be_in_si_units_is_said_where_it_is_made():
+    """Not refused: a diagnosis finds units. Nor does one outlier stop an observer; its first value tells units."""
+    many = np.linspace(0.0, 12.0, 101)
+    spiked = np.where(many == 6.0, 90.0, 0.01)
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        recorded(many, channels={'alpha': spiked})
+        observer = Observer(Config())
+        observer.update(0.0, 1.0, {'alpha': 0.01})
+        observer.update(0.1, None, {'alpha': 12.0})
+    for words, wrong in {
+        'channel alpha: expected radians up to pi, got 20': lambda: recorded(channels={'alpha': np.linspace(0.0, 20.0, 13)}),
+        'recording r: a sample every 1000 s: is time_s in seconds?': lambda: recorded(
+            1e3 * TIME, sma_sim.module_input([0.0, 3e4], [0.0, 0.0])
+        ),
+        'strain: expected a fraction such as 0.05, got 6': lambda: simulate(
+            Config(system='wire'), sma_sim.wire_input([0.0, 60.0], [0.0, 6.0]), 1.0
+        ),
+        'measurements, alpha: expected radians up to pi, got 12': lambda: Observer(Config()).update(
+            0.0, 1.0, {'alpha': 12.0}
+        ),
+    }.items():
+        with pytest.warns(sma_sim.PhysicsWarning, match=re.escape(words)):
+            wrong()
 
 
 def test_the_version_is_that_of_the_package():

@@ -11,12 +11,12 @@ from sma_sim.evidence.data.rosbag.bag_files import is_bag
 from sma_sim.evidence.data.rosbag.commands import limits_in
 from sma_sim.evidence.data.rosbag.interface import Interface, interface_of
 from sma_sim.evidence.data.tables import read_columns, read_header
-from sma_sim.evidence.data.units import mismatch_of
 from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import KELVIN, kelvin_hint
 from sma_sim.model.structures.structure import shared_temperature
+from sma_sim.model.unit_mismatch import mismatch_of
 from sma_sim.solver.inputs import Input
 
 

@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.control.least_squares import constrained_least_squares
 from sma_sim.evidence.state_estimation.estimate import RobotState
+from sma_sim.model.argument_checks import as_array
 from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
@@ -213,7 +214,7 @@ class Planner:
             prediction=self._prediction,
             start=start,
             number=self._number,
-            wanted=target(start.time + self._prediction.times) - start.offsets[self._number],
+            wanted=self._wanted(target, start.time + self._prediction.times) - start.offsets[self._number],
             weights=self._weights,
             smoothness=given['control.smoothness'] / self._full,
             before=float(self.levels[0]),
@@ -232,6 +233,16 @@ class Planner:
             raise SimulationError(f'system = {start.model.structure.name}: the model cannot run on under any command')
         self.levels = best.levels
         return float(best.levels[0])
+
+    def _wanted(self, target: Target, times: Vector) -> Vector:
+        """What a target says at times (k,) [s]: values of the coordinate (k,), or one for all."""
+        values = as_array('target', target(times), '[rad or m]')
+        if values.shape not in ((), times.shape) or not np.isfinite(values).all():
+            raise UserError(
+                f'target: expected a finite value of the coordinate for each of {len(times)} times, got an array of shape '
+                f'{values.shape}'
+            )
+        return np.broadcast_to(values, times.shape)
 
     def _load(self, T_E: float) -> None:
         """Load compiled code, which takes longer than a plan may."""

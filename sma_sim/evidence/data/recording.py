@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -10,12 +11,12 @@ from math import inf
 
 import numpy as np
 
-from sma_sim.evidence.data.units import check_array
+from sma_sim.evidence.data.units import array_mismatch, slow_sampling
 from sma_sim.model.archive import Saved
 from sma_sim.model.argument_checks import as_array, check_fields, expect
 from sma_sim.model.arrays import Vector
 from sma_sim.model.comparable import Comparable
-from sma_sim.model.errors import UserError
+from sma_sim.model.errors import PhysicsWarning, UserError
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.renamed import renamed
 from sma_sim.model.shown import Shown, listed
@@ -128,6 +129,11 @@ class Recording(Shown, Saved, Comparable):
         By column of what was imposed and measured with noise, how well it is known without that (SI).
     sample_std : mapping
         By channel whose noise differs from sample to sample, its standard deviations (k,) (SI); NaN: that of the dataset.
+
+    Warns
+    -----
+    PhysicsWarning
+        Where numbers cannot be in SI units, or hardly. A diagnosis finds which they are in; all else refuses what cannot be.
     """
 
     name: str
@@ -173,13 +179,20 @@ class Recording(Shown, Saved, Comparable):
                 f'recording {self.name}: time goes from {time[0]:g} to {time[-1]:g} s, source from {first:g} to {last:g} s; '
                 'expected a source that covers most samples, in seconds as they are'
             )
-        for field_name in ('zero_std', 'drift_std'):
+        drives = known_structures()[self.system].input_columns
+        for field_name, by, names in (
+            ('zero_std', 'channel', known),
+            ('drift_std', 'channel', known),
+            ('imposed_std', 'column', drives),
+        ):
             for name, std in getattr(self, field_name).items():
-                if name not in known or not 0.0 <= std < inf:
+                if name not in names or not 0.0 <= std < inf:
                     raise UserError(
-                        f'recording {self.name}, {field_name}: expected standard deviations (SI) by channel, of '
-                        f'{", ".join(known)}; got {std!r} for {name!r}{suggestion(name, known)}'
+                        f'recording {self.name}, {field_name}: expected standard deviations (SI) by {by}, of '
+                        f'{", ".join(names)}; got {std!r} for {name!r}{suggestion(name, names)}'
                     )
+        if not np.isfinite(self.known_changes).all():
+            raise UserError(f'recording {self.name}, known_changes: expected times [s], got {self.known_changes}')
         for name, stds in self.sample_std.items():
             if name not in self.channels or np.shape(stds) != time.shape or np.any(np.asarray(stds) <= 0.0):
                 raise UserError(
@@ -192,19 +205,32 @@ class Recording(Shown, Saved, Comparable):
             raise UserError(f'recording {self.name}, unpowered_side = {self.unpowered_side}: expected -1, 0 or 1')
         numbers = {name: as_array(f'recording {self.name}, {name}', values) for name, values in self.channels.items()}
         for name, values in numbers.items():
-            if CHANNEL_COLUMNS[name].endswith('_K'):  # a diagnosis looks for other units itself
-                check_array(f'recording {self.name}, channel {name}', CHANNEL_COLUMNS[name], values)
+            if np.isinf(values).any():
+                raise UserError(
+                    f'recording {self.name}, channel {name}: expected numbers, and NaN where a sample is missing'
+                )
+            column = CHANNEL_COLUMNS[name]
+            if column.endswith('_K') and (words := array_mismatch(column, values)):  # a diagnosis corrects other units
+                raise UserError(f'recording {self.name}, channel {name}: {words}')
         object.__setattr__(self, 'time', time)
         object.__setattr__(self, 'channels', {name: numbers[name] for name in known if name in numbers})
+        doubts, structure = [words] if (words := self.unit_mismatch()) else [], known_structures()[self.system]
+        if structure.coordinates and structure.imposed_temperature < 0 and len(time) > 1:
+            doubts += [f'recording {self.name}: {note}' for note in slow_sampling(time) if note not in self.notes]
+        for doubt in doubts:
+            warnings.warn(doubt, PhysicsWarning, stacklevel=4)  # at the line that calls `Recording`
 
-    def check_units(self) -> None:
-        """Raise UserError where numbers cannot be in SI units, as it is for files; single outliers aside."""
-        check_array(f'recording {self.name}, time', 'time_s', self.time, measured=False)
-        for name, values in self.channels.items():
-            check_array(f'recording {self.name}, channel {name}', CHANNEL_COLUMNS[name], values)
+    def unit_mismatch(self) -> str:
+        """Where numbers cannot be in SI units, as it is for files, and what converts them; single outliers aside."""
         names, source = known_structures()[self.system].input_columns, self.source
-        for name, values, is_measured in zip(names, source.values.T, source.linear, strict=True):
-            check_array(f'recording {self.name}, source, {name}', name, values, is_measured)
+        columns = [('time', 'time_s', self.time, False)]
+        columns += [(f'channel {name}', CHANNEL_COLUMNS[name], values, True) for name, values in self.channels.items()]
+        inputs = zip(names, source.values.T, source.linear, strict=True)
+        columns += [(f'source, {name}', name, values, is_measured) for name, values, is_measured in inputs]
+        for where, name, values, is_measured in columns:
+            if words := array_mismatch(name, values, is_measured):
+                return f'recording {self.name}, {where}: {words}'
+        return ''
 
     def facts(self) -> Mapping[str, str]:
         """What is to be known at a glance."""
@@ -249,14 +275,21 @@ class Dataset(Shown, Saved, Comparable):
         names = [recording.name for recording in given]
         if doubled := next((name for name in names if names.count(name) > 1), ''):
             raise UserError(f'recordings: {doubled!r} is there twice; give each recording a name of its own')
-        for name, std in self.noise_std.items():
-            if name not in CHANNEL_COLUMNS:
-                known = sorted(self.channels)
-                raise UserError(
-                    f'noise_std: no channel {name!r}{suggestion(name, known)}; expected some of {", ".join(known)}'
-                )
-            if not 0.0 <= std < inf:
-                raise UserError(f'noise_std of {name} = {std!r}: expected a standard deviation in SI units, 0 or more')
+        for field_name in ('noise_std', 'floor', 'resolution'):
+            for name, std in getattr(self, field_name).items():
+                if name not in CHANNEL_COLUMNS:
+                    known = sorted(self.channels)
+                    raise UserError(
+                        f'{field_name}: no channel {name!r}{suggestion(name, known)}; expected some of {", ".join(known)}'
+                    )
+                if not 0.0 <= std < inf:
+                    raise UserError(
+                        f'{field_name} of {name} = {std!r}: expected a standard deviation in SI units, 0 or more'
+                    )
+        for effect, stds in self.nuisances.items():
+            for name, std in stds.items():
+                if not 0.0 < std < inf:
+                    raise UserError(f'nuisances, {effect}.{name} = {std!r}: expected a standard deviation, more than 0')
 
     @property
     def system(self) -> str:

@@ -29,7 +29,7 @@ from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.held_out_prediction import RunFit, pooled_error
 from sma_sim.evidence.estimation.interruption import stoppable
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, implausible_in
-from sma_sim.evidence.estimation.prepared_fit import PreparedFit, check_systems, prepare
+from sma_sim.evidence.estimation.prepared_fit import PreparedFit, check_data, check_systems, prepare
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
 from sma_sim.evidence.estimation.search_context import OnProgress, SearchContext
 from sma_sim.evidence.model_selection.criteria import CRITERIA
@@ -240,8 +240,8 @@ def diagnose(
     'none'
     """
     t_start, request = time.perf_counter(), request or DiagnosisRequest()
-    check_systems(dataset, config)
     training, held_out = hold_out_last(dataset, held_out)
+    check_systems(pooled(training, held_out), config)
     start = prepare(training, config, request.kinetics)
     words = progress_in_words('diagnosing', on_progress)
     with stoppable() as stop, executor_or_threads(executor) as pool, words as report:
@@ -260,6 +260,8 @@ def diagnose(
         if faults:
             training, held_out = without_faults(training, held_out, faults)
             start = prepare(training, config, request.kinetics)
+        if not is_uncertain(faults):
+            check_data(pooled(training, held_out), config)
         found = search_effects(start, held_out, request, context, faults)
         if training.floor and held_out is not None:
             found = searched_together(found, start, held_out, request, context, faults)

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from math import isfinite
 from threading import Event
 
 import numpy as np
@@ -14,11 +13,12 @@ import numpy as np
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize
-from sma_sim.evidence.estimation.prepared_fit import check_systems
+from sma_sim.evidence.estimation.prepared_fit import check_data
 from sma_sim.evidence.estimation.problem import START, SWITCH, Problem, residuals_at, start_point
 from sma_sim.evidence.estimation.residuals import (
     FitData,
     Nuisance,
+    check_delay,
     error_over_noise,
     fit_data,
     leeway_for,
@@ -203,9 +203,11 @@ def evaluate_held_out(
     >>> sma_sim.evaluate_held_out(sma_sim.Config(), dataset)[0].error < 0.1
     True
     """
-    check_systems(dataset, config)
-    if not isfinite(delay):
-        raise UserError(f'delay = {delay}: expected seconds')
+    check_data(dataset, config)
+    for recording in dataset.recordings:
+        check_delay(delay, recording.time, recording.name)
+    if not fitted_error >= 0.0:
+        raise UserError(f'fitted_error = {fitted_error}: expected a normalized RMSE, 0 or more')
     floor = config.parameters['solver.rtol']
     runs = tuple(fit_data(recording, dataset.noise_std, floor=floor) for recording in dataset.recordings)
     with executor_or_threads(executor) as pool:

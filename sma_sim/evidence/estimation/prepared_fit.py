@@ -64,10 +64,11 @@ def check_systems(dataset: Dataset, config: Config) -> None:
 
 
 def check_data(dataset: Dataset, config: Config) -> None:
-    """As `check_systems`, and for numbers that cannot be in SI units."""
+    """As `check_systems`, and for numbers that cannot be in SI units: what all that takes recordings begins with."""
     check_systems(dataset, config)
     for recording in dataset.recordings:
-        recording.check_units()
+        if words := recording.unit_mismatch():
+            raise UserError(words)
 
 
 def with_nuisance_effects(config: Config, dataset: Dataset) -> Config:

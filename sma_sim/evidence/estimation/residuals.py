@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.data.noise import estimate_noise
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording, channels_of_family, is_resistance
+from sma_sim.evidence.estimation.prepared_fit import check_data
 from sma_sim.model.argument_checks import check_fields, checked
 from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
@@ -330,14 +331,28 @@ def predict(config: Config, recording: Recording | FitData, nuisance: Nuisance |
     >>> sorted(shown)
     ['F_1', 'F_2', 'R_1', 'R_2', 'T_1', 'T_2', 'U_x', 'U_y', 'alpha']
     """
+    if isinstance(recording, Recording):
+        check_data(Dataset((recording,)), config)
     run = prepared(recording)
     if nuisance is not None:
         check_fields(nuisance)
+        check_delay(nuisance.delay, run.time, run.name)
+        if len(nuisance.switches) not in (0, run.groups):
+            raise UserError(
+                f'nuisance, switches = {nuisance.switches}: expected {run.groups} part(s) of a sampling interval'
+            )
         if nuisance.start and not (len(nuisance.start) == run.starts and all(0.0 <= part <= 1.0 for part in nuisance.start)):
             raise UserError(f'nuisance, start = {nuisance.start}: expected {run.starts} number(s) from 0 to 1, one by wire')
     channels = run.on_bench(config).structure.structure.channels
     _, trajectory, index = simulated(config, run, nuisance, channels)
     return {name: trajectory[CHANNEL_COLUMNS[name]][index] for name in channels}
+
+
+def check_delay(delay: float, time: Vector, name: str) -> None:
+    """Raise UserError for a delay [s] that is none of a recording with these times (k,) [s]."""
+    length = float(time[-1] - time[0])
+    if not abs(delay) < length:
+        raise UserError(f'delay = {delay:g}: expected seconds, less than the {length:g} s of {name}')
 
 
 def prepared(recording: Recording | FitData) -> FitData:

@@ -14,7 +14,7 @@ from threading import Event
 import numpy as np
 
 from sma_sim.evidence.data.recording import Dataset
-from sma_sim.evidence.data.train_test_split import hold_out_last
+from sma_sim.evidence.data.train_test_split import hold_out_last, pooled
 from sma_sim.evidence.estimation.calibrate import FitOptions, problem_for
 from sma_sim.evidence.estimation.executors import executor_or_threads, run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
@@ -148,8 +148,8 @@ def estimate_latent_inputs(
     'none'
     """
     t_start, request, stop = time.perf_counter(), request or LatentRequest(), Event()
-    check_data(dataset, config)
-    training, _ = hold_out_last(dataset, held_out)
+    training, others = hold_out_last(dataset, held_out)
+    check_data(pooled(training, others), config)
     if config.structure.structure.is_quasi_static:
         raise UserError(
             f'latent estimates inputs over time, which says nothing in a test with imposed stress and temperature '

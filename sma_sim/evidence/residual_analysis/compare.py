@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording, in_order
+from sma_sim.evidence.data.train_test_split import pooled
 from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, calibrate
 from sma_sim.evidence.estimation.held_out_prediction import RunFit, evaluate_held_out, nuisances_of
 from sma_sim.evidence.estimation.prepared_fit import check_data, on_leading_bench
@@ -161,9 +162,7 @@ def compare(
     >>> sma_sim.compare(dataset, sma_sim.Config({'beam.E': 1.9e9})).errors['alpha'] > 3.0
     True
     """
-    for recordings in (dataset, held_out):
-        if recordings is not None:
-            check_data(recordings, config)
+    check_data(pooled(dataset, held_out), config)
     options = FitOptions(free=(), kinetics=config.simulated_kinetics, starts=1, intervals=False)
     config = on_leading_bench(config, dataset)
     if nuisances:

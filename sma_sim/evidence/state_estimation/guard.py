@@ -27,7 +27,7 @@ import numpy as np
 
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.state_estimation.estimate import Estimate
-from sma_sim.model.argument_checks import expect
+from sma_sim.model.argument_checks import as_array, expect
 from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
@@ -160,7 +160,7 @@ class Guard:
         """
         expect('estimate', estimate, Estimate | None)
         expect('time', time, float)
-        asked = np.atleast_1d(np.asarray(J_eq, dtype=float))
+        asked = np.atleast_1d(as_array('J_eq', J_eq, '[W]'))
         if asked.shape != (self._size,):
             raise UserError(f'J_eq = {J_eq}: expected {self._size} number(s) [W]')
         if estimate is not None:

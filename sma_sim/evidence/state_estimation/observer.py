@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import bisect
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -41,12 +42,13 @@ from sma_sim.evidence.state_estimation.uncertain import (
     prior_correlation,
     uncertain_parameters,
 )
-from sma_sim.model.argument_checks import as_kelvin, expect
+from sma_sim.model.argument_checks import as_array, as_kelvin, expect
 from sma_sim.model.automaton import INNER
 from sma_sim.model.config import Config
-from sma_sim.model.errors import UserError
+from sma_sim.model.errors import PhysicsWarning, UserError
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.system import commanded_heating
+from sma_sim.model.unit_mismatch import mismatch_of
 from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS, Run
 from sma_sim.solver.model import Model
 from sma_sim.solver.propagation import DELTA, FRACTION_SCALE, Propagation, run_at_rest
@@ -137,6 +139,7 @@ class Observer:
         self._noise = np.array([config.parameters[f'check.noise_{name}'] for name in self.channels])
         self._limits = np.array([(one.low, one.high) for one in self._free]).reshape(-1, 2)
         self.restarts, self.too_late = 0, 0
+        self._unseen = set(self.channels)
         self._events: list[Event] = []
         self._beliefs: list[Belief] = []  # after each of the events
         self._estimate: Estimate | None = None
@@ -226,6 +229,11 @@ class Observer:
         UserError
             For a channel that the structure does not have, a wrong number of commands, values that are not finite, and a
             time more than an hour after the one before.
+
+        Warns
+        -----
+        PhysicsWarning
+            Where the first value of a channel cannot be in its SI unit.
         """
         expect('time', time, float)
         expect('measurements', measurements, Mapping[str, float] | None)
@@ -252,13 +260,18 @@ class Observer:
         self._forget()
         return self.estimate
 
-    def forecast(self, J_eq: float | Sequence[float], times: Sequence[float]) -> list[Estimate]:
-        """The wires at later `times` [s], from `time` on, under a heating that stays; nothing of the observer changes."""
-        belief, found = self._beliefs[-1], []
-        heating = self._heating(J_eq)
-        assert heating is not None
-        belief = belief._replace(heating=heating)
-        for time in times:
+    def forecast(self, J_eq: float | Sequence[float] | None, times: Sequence[float]) -> list[Estimate]:
+        """The wires at later `times` [s], from `time` on, under a heating that stays (None: that of now).
+
+        Nothing of the observer changes. Raises UserError before the first message, and for times before it.
+        """
+        if not self._beliefs:
+            raise UserError('the observer has no measurement yet: call update(time, J_eq, measurements) first')
+        belief, found, at = self._beliefs[-1], [], np.atleast_1d(as_array('times', times, '[s]'))
+        if not (np.diff(at, prepend=belief.time) >= 0.0).all():
+            raise UserError(f'times: expected times [s] that increase from {belief.time:g} s on, that of the last message')
+        belief = belief._replace(heating=self._heating(J_eq) or belief.heating)
+        for time in at.tolist():
             belief = self._propagated(belief, time)
             found.append(self._estimate_of(belief))
         return found
@@ -273,6 +286,11 @@ class Observer:
                 )
             if math.isinf(value):
                 raise UserError(f'measurements: {name} = {value}; expected a finite number')
+            if name in self._unseen and not math.isnan(value):  # a later one may be an outlier, which the filter bounds
+                self._unseen.remove(name)
+                column = self._structure.channel_columns[self.channels.index(name)]
+                if mismatch := mismatch_of(column, np.array([value])):
+                    warnings.warn(f'measurements, {name}: {mismatch.words}', PhysicsWarning, stacklevel=4)
             values[self.channels.index(name)] = value
         return values
 
@@ -280,7 +298,7 @@ class Observer:
         """The heating of each wire [W]."""
         if J_eq is None:
             return None
-        commands = np.atleast_1d(np.asarray(J_eq, dtype=float))
+        commands = np.atleast_1d(as_array('J_eq', J_eq, '[W]'))
         expected = len(self._structure.commands)
         if commands.shape != (expected,) or not np.isfinite(commands).all():
             raise UserError(f'J_eq = {J_eq}: expected {expected} finite number(s) [W]')
