@@ -113,3 +113,12 @@ def test_derivatives_of_any_size_leave_the_integral_as_it_is():
     pull, scaled = unit * slope, np.outer(unit, unit) * precision
     whole = 0.5 * float(pull @ np.linalg.solve(scaled, pull) - np.linalg.slogdet(scaled)[1]) + float(np.log(unit).sum())
     assert log_bounded_integral(slope, precision, low, high) == pytest.approx(whole, abs=0.01)
+
+
+@pytest.mark.filterwarnings('error')
+def test_a_pull_that_no_number_holds_leaves_nothing():
+    """A model whose derivatives have overflowed is put last, in silence, rather than anywhere."""
+    rng = np.random.default_rng(0)
+    derivatives = 1e100 * rng.normal(size=(4, 3))
+    precision = derivatives.T @ derivatives + np.eye(3)
+    assert log_bounded_integral(1e203 * rng.normal(size=3), precision, np.full(3, -5.0), np.full(3, 5.0)) == -inf

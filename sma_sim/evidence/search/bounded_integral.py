@@ -29,8 +29,16 @@ SMALLEST = 1e-12  # of a precision, below which the difference of two is roundin
 def log_bounded_integral(slope: Vector, precision: Matrix, low: Vector, high: Vector) -> float:
     """log of (2 pi)^(-n/2) times the integral of exp(-slope x - x' precision x/2) over x (n,) between low and high (n,).
 
-    The precision (n, n) is positive definite, and 0 lies between the bounds, which may be infinite.
+    The precision (n, n) is positive definite, and 0 lies between the bounds, which may be infinite. -inf where data pull so
+    hard that no number holds the heights.
     """
+    with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
+        total = _by_expectation_propagation(slope, precision, low, high)
+    return total if np.isfinite(total) else -inf
+
+
+def _by_expectation_propagation(slope: Vector, precision: Matrix, low: Vector, high: Vector) -> float:
+    """The same, or not a number."""
     size = 1.0 / np.sqrt(np.diag(precision))  # a unit of each in which rounding errors are small, however steep a model is
     slope, low, high = size * slope, low / size, high / size
     precision = np.outer(size, size) * precision + ROUNDING * len(low) * np.eye(len(low))

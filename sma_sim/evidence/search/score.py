@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
-from math import log, log1p, pi
+from math import inf, log, log1p, pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,12 +91,14 @@ class Evidence:
         return at_end - 0.5 * profiled + inside + self.log_prior
 
     def gain(self, k: float) -> float:
-        """What the optimum of a fit for k has before the point where it ended, to second order."""
+        """What the optimum of a fit for k has before the point where it ended, to second order; inf beyond all numbers."""
         weight, (_, gradient, hessian) = 1.0 / k**2, self._sums(range(len(self.parts)))
         slope = weight * gradient + self.z
         free = self._free(slope)
         total = weight * hessian[np.ix_(free, free)] + np.eye(int(free.sum()))
-        return 0.5 * float(slope[free] @ np.linalg.solve(total, slope[free]))
+        with np.errstate(over='ignore', invalid='ignore'):
+            found = 0.5 * float(slope[free] @ np.linalg.solve(total, slope[free]))
+        return found if np.isfinite(found) else inf
 
     def squares_without(self, k: float, left_out: int) -> float:
         """The squares of one run as the others predict it, to second order; its own unknowns are at their best."""
