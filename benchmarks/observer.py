@@ -1,13 +1,13 @@
 """How well an observer knows temperatures, fractions and stresses of simulated robots that differ from its model.
 
-    python benchmarks/observer.py [--robots 30] [--first 0] [--seconds 60] [--strain 0.03] [--json FILE]
+    python benchmarks/observer.py [--robots 30] [--first 0] [--seconds 60] [--strain 0.03] [--begin 10] [--json FILE]
 
 A robot has MAS kinetics, the parameters of a challenge (each off by 5 to 15 %, the free length by up to 0.3 %), sensors
 with noise, and every third one a hidden effect. Half of them do random commands, half follow a target under a PI controller.
 Each is observed at 25 Hz with pose and forces, with the pose alone, and with a tenth of all messages lost, with hybrid and
 with MAS kinetics; beside that the heat balance of a wire alone, C dT/dt = J - lambda A_s (T - T_E), and the model that runs
 without any measurement. All of these have the nominal parameters; with --strain the transformation strain is known that
-well, as from a tensile test.
+well, as from a tensile test. With --begin observers start beside the running robot, within so many seconds.
 """
 
 from __future__ import annotations
@@ -153,7 +153,14 @@ def told_strain(nominal: Config, robot: Robot, seed: int, std: float) -> Config:
     return Config(known.parameters, known.system, known.kinetics, effects=known.effects, priors=priors)
 
 
-def one_robot(seed: int, duration: float, strain: float) -> dict[str, Any] | None:
+def from_then_on(truth: Truth, seed: int, begin: float) -> Truth:
+    """A run from a random time on, at most `begin` [s]."""
+    k = int(RATE * np.random.default_rng([seed, 4]).uniform(1.0, begin))
+    states, shown = ({name: values[k:] for name, values in part.items()} for part in (truth.states, truth.shown))
+    return Truth(truth.time[k:], truth.J_eq[k:], states, shown)
+
+
+def one_robot(seed: int, duration: float, strain: float, begin: float) -> dict[str, Any] | None:
     """All numbers of a robot; None where it cannot do its run."""
     nominal, robot = robot_of(seed)
     nominal = told_strain(nominal, robot, seed, strain) if strain else nominal
@@ -161,6 +168,7 @@ def one_robot(seed: int, duration: float, strain: float) -> dict[str, Any] | Non
         truth = truth_of(nominal, robot, seed, duration)
     except SimulationError:
         return None
+    truth = from_then_on(truth, seed, begin) if begin else truth
     forces = (*POSE, 'F_1', 'F_2')
     found: dict[str, Any] = {'hidden': robot.hidden[0].truth.name if robot.hidden else ''}
     for kinetics in ('hybrid', 'mas'):
@@ -192,7 +200,7 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
     """All robots."""
     robots, seed = list[dict[str, Any]](), arguments.first
     while len(robots) < arguments.robots:
-        found = one_robot(seed, float(arguments.seconds), arguments.strain)
+        found = one_robot(seed, float(arguments.seconds), arguments.strain, arguments.begin)
         if found is not None:
             robots.append({'seed': seed, **found})
             if arguments.each:
@@ -216,5 +224,6 @@ if __name__ == '__main__':
         first=0,
         seconds=60,
         strain=0.0,
+        begin=0.0,
         each=0,
     )

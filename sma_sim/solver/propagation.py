@@ -19,11 +19,22 @@ from sma_sim.compiler.compile import is_interpreted, package_compiler
 from sma_sim.compiler.pinned_systems import pin_system, pinned_systems, record_at
 from sma_sim.model.automaton import INNER
 from sma_sim.model.errors import UserError
-from sma_sim.model.layout import System
+from sma_sim.model.layout import System, SystemState
 from sma_sim.solver.columns import sample_columns
 from sma_sim.solver.effect_table import own_scratch
 from sma_sim.solver.end_of_run import stop_reason
-from sma_sim.solver.integrate import C_H, COMPLETED, N_STEPS, InputStretches, Limits, Log, Run, observe
+from sma_sim.solver.integrate import (
+    C_H,
+    COMPLETED,
+    N_STEPS,
+    PER_WIRE,
+    WIRE_COLUMNS,
+    InputStretches,
+    Limits,
+    Log,
+    Run,
+    observe,
+)
 from sma_sim.solver.model import Model
 from sma_sim.solver.sensitivities import new_tangents, padded
 from sma_sim.solver.simulate import SimulationError, new_run, new_work, stall_step
@@ -60,10 +71,22 @@ class Unknowns:
 
 
 def observe_beside(t: float, run: Run, segment: Segment, p: System, w: Work, a: Tangents, rows: Matrix) -> None:
-    """Samples (1 + unknowns, size) at a state, and beside it along the tangent of each unknown."""
-    observe(t, run.state, segment, p, w, rows[0])
+    """Samples (1 + unknowns, size) at a state, and beside it along the tangent of each unknown.
+
+    Where rows have room for them (size + coordinates), accelerations follow.
+    """
+    observe_with_accelerations(t, run.state, segment, p, w, rows[0])
     for j in range(a.systems.shape[0]):
-        observe(t, move_along(j, run.state, a), segment, record_at(a.systems[j], p), w, rows[j + 1])
+        observe_with_accelerations(t, move_along(j, run.state, a), segment, record_at(a.systems[j], p), w, rows[j + 1])
+
+
+def observe_with_accelerations(t: float, state: SystemState, segment: Segment, p: System, w: Work, row: Vector) -> None:
+    """A sample, and behind it the accelerations where its row has room for them."""
+    observe(t, state, segment, p, w, row)
+    n = p.coordinates
+    first = 3 * n + PER_WIRE * p.wires + p.channels
+    for i in range(row.shape[0] - first):
+        row[first + i] = w.sample.dy[n + i]
 
 
 def run_at_rest(model: Model, T_E: float) -> Run:
@@ -104,7 +127,9 @@ class Propagation:
         same = own_scratch(self._p)
         systems = [same] * (n + wires) + moved + [same] * (wires + 1)
         self._records = pinned_systems(systems, package_compiler().function(pin_system), is_interpreted())
-        self._rows = np.zeros((1 + len(systems), self.where.size))
+        self._systems = systems
+        self._hybrid: Any = None  # the same with hybrid kinetics, pinned once they are asked for
+        self._rows = np.zeros((1 + len(systems), self.where.size + len(structure.coordinates)))
         self._limits = Limits(np.inf, MAX_STEPS, stall_step(model))
         self._follow, self._observe = (package_compiler().function(one) for one in (follow, observe_beside))
         self._tangents: dict[int, Tangents] = {}  # by how many stretches the input has
@@ -155,11 +180,30 @@ class Propagation:
     def observe(self, t: float, run: Run, u: Vector) -> tuple[Vector, Matrix]:
         """A sample (size,) at the state of `run`, where `solver.columns.sample_columns` says, and its derivatives (size,
         unknowns)."""
-        a = self._prepared(run, u[None])
+        return self._look(t, run, u, self._p, self._prepared(run, u[None]), slice(0, self.where.size))
+
+    def accelerations(self, t: float, run: Run, u: Vector) -> tuple[Vector, Matrix]:
+        """Those of the coordinates (n,) at the state of `run` [SI], and their derivatives (n, unknowns)."""
+        return self._look(t, run, u, self._p, self._prepared(run, u[None]), slice(self.where.size, None))
+
+    def fractions_of_transforming(self, t: float, run: Run, u: Vector, mode: int) -> tuple[Vector, Matrix]:
+        """x_M (wires,) with which wires of the pose and temperatures of `run` transform in `mode` 4 or 5 of the hybrid
+        automaton, also of MAS kinetics, and its derivatives (wires, unknowns). It is less than 0 or more than 1 where none
+        can. The modes of `run` are changed."""
+        run.state.mode[:] = mode
+        a, first = self._prepared(run, u[None]), self.where.wires.start + WIRE_COLUMNS.index('x_M')
+        if self._p.mas:
+            if self._hybrid is None:
+                systems = [own_scratch(one._replace(mas=False)) for one in self._systems]
+                self._hybrid = pinned_systems(systems, package_compiler().function(pin_system), is_interpreted())
+            a = a._replace(systems=self._hybrid.addresses)
+        return self._look(t, run, u, self._p._replace(mas=False), a, slice(first, self.where.wires.stop, PER_WIRE))
+
+    def _look(self, t: float, run: Run, u: Vector, p: System, a: Tangents, columns: slice) -> tuple[Vector, Matrix]:
         segment = Segment(t, t, u, np.zeros_like(u), False)
-        self._observe(t, run, segment, self._p, self._work, a, self._rows)
-        sample = self._rows[0].copy()
-        return sample, ((self._rows[1:] - sample) / DELTA).T
+        self._observe(t, run, segment, p, self._work, a, self._rows)
+        sample = self._rows[0, columns].copy()
+        return sample, ((self._rows[1:, columns] - sample) / DELTA).T
 
 
 def held_input_tangents(model: Model, run: Run, count: int, values: NDArray[np.float64], systems: Any) -> Tangents:

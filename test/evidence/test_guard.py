@@ -25,11 +25,17 @@ def estimate(T=(320.0, 300.0), x_M=(0.3, 0.5), stress=(1e8, 8e7), strain=(0.04, 
     )
 
 
-def guarded(asked, config, known=True, seed=0, system='module'):
-    """T and stress of the wires (k, wires), decisions and alpha of a robot whose guard knows its state, or observes it."""
-    robot = Model(Config(system=system, kinetics='mas'))
+def guarded(asked, config, known=True, seed=0, factors=None, heated_to=None):
+    """T and stress of the wires (k, wires), decisions and alpha of a robot whose guard knows its state, or observes it.
+
+    `factors` of its parameters by name. Where it is `heated_to` a temperature [K], both start beside the running robot.
+    """
+    values = {name: factor * config.parameters[name] for name, factor in (factors or {}).items()}
+    robot = Model(Config(values, kinetics='mas'))
     where = sample_columns(robot.structure)
     run, guard, random = FixedRateRun(robot, RATE, np.array([0.0, 298.0])), Guard(config), np.random.default_rng(seed)
+    while heated_to is not None and run.sample[where.wires][::PER_WIRE].max() < heated_to:
+        run.step(np.array([asked[0], 298.0]))
     observer, rows, decisions, J = Observer(config), [], [], 0.0
     for k, wanted in enumerate(asked):
         of_wires = run.sample[where.wires].reshape(-1, PER_WIRE).T
@@ -59,6 +65,18 @@ def test_full_power_stops_below_the_limit_and_stays_near_it(known):
     assert T[-1, 0] > T_MAX - (2.0 if known else 12.0)
     assert decisions[-1].kind == 'temperature' and 0.2 < decisions[-1].scale < 0.6
     assert 'T of wire 1 would be' in decisions[-1].reason and 'guard.T_max 350 K' in decisions[-1].reason
+
+
+@pytest.mark.parametrize('factor', [0.87, 1.0, 1.15])
+@pytest.mark.parametrize('J', [25.0, -12.0])
+def test_a_guard_that_starts_beside_a_hot_robot_lets_nothing_burn(J, factor):
+    """Full request at T_max - 1 K, from the first moment on, with parameters that are known to 15 %."""
+    config = Config({'guard.T_max': T_MAX, 'observer.parameter_std': 0.15})
+    off = {'wire.sigma_T': factor, 'wire.lambda': 1.0 / factor, 'wire.sigma_MW0': factor}
+    T, _, decisions, _ = guarded([J] * 150, config, known=False, factors=off, heated_to=T_MAX - 1.0)
+    assert T_MAX - 1.0 < T[0].max() < T_MAX + 4.0  # what the step before had done
+    assert T[1:].max() < max(T[0].max(), T_MAX + 2.0) and T[10:].max() < T_MAX + 2.0
+    assert decisions[0].scale < 0.3 and decisions[-1].scale > 0.1  # and it may move again
 
 
 def test_no_wire_gets_too_hot_while_the_next_estimate_does_not_come():

@@ -16,9 +16,15 @@ information about combinations of them that no measurement tells apart, and beco
 and Roumeliotis, Int. J. Robotics Research 29 (2010) 502, of the same in mapping). Where a new run starts, mean and
 covariance pass through coordinates in which those combinations do not depend on the state (`invariants`).
 
-A robot is taken to be at rest at first. Where its first measurement says otherwise, temperatures and fractions are as
-uncertain as that makes them; and as long as innovations are larger than the filter expects, all that it says has so many
-times the variance (the ratio of Birge, Phys. Rev. 40 (1932) 207).
+At first there are two hypotheses: that the robot is at rest, and that it has any history: any pose, wires as hot as heating
+can make them, with x_M between x^(4) and x^(5), at which wires of that pose and temperature transform (paper, C_3), and
+forces that balance. The latter is linearised about its first measurement, by an iterated update (Bell and Cathey, IEEE
+Trans. Autom. Control 38 (1993) 294), since the stress of a wire follows its temperature along one of two lines that are
+dsigma/sigma_T apart. Each has its filter, and the estimate has the mean and covariance of both by their probabilities,
+until measurements have decided (Magill, IEEE Trans. Autom. Control 10 (1965) 434).
+
+As long as innovations are larger than the filter expects, all that it says has so many times the variance (the ratio of
+Birge, Phys. Rev. 40 (1932) 207).
 """
 
 from __future__ import annotations
@@ -32,6 +38,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from sma_sim.evidence.state_estimation.estimate import Estimate, RobotState
 from sma_sim.evidence.state_estimation.invariants import InvariantCoordinates
@@ -43,7 +50,7 @@ from sma_sim.evidence.state_estimation.uncertain import (
     uncertain_parameters,
 )
 from sma_sim.model.argument_checks import as_array, as_kelvin, expect
-from sma_sim.model.automaton import INNER
+from sma_sim.model.automaton import INNER, TO_AUSTENITE, TO_MARTENSITE
 from sma_sim.model.config import Config
 from sma_sim.model.errors import PhysicsWarning, UserError
 from sma_sim.model.nearest import suggestion
@@ -61,6 +68,11 @@ WINDOW = 1.0  # [s] of the past into which late messages are still put
 MAX_PAUSE = 3600.0  # [s] without any message: the wires are at rest long before, and hours of steps would take minutes
 LONGEST_STEP = 0.25  # [s] over which the random walks are put in at once
 FIRST_RUN, LONGER, LONGEST_RUN = 2.0, 1.5, 20.0  # [s] of the first run; by how much each is longer; of all later ones
+FIRST_RUN_OF_ANY = 0.1  # [s] of a robot of any history, whose first measurements move the estimate far
+USUAL_TIME = 0.1  # [s] in which a pose may change by as much as it usually does
+AGREEMENT_TIME = 2.0  # [s] after which hypotheses of the start agree: temperatures forget it within a second
+IMPROBABLE = 14.0  # by which the log of a probability is less where a hypothesis is given up: one in a million
+ITERATIONS = 4  # of the first update of such a robot
 LARGEST_INNOVATION = 4.0  # standard deviations; a larger one counts as if its noise were larger, so that it is no more
 INCONSISTENCY_TIME = 2.0  # [s] of the running mean of squared innovations
 LEAST_STD = {'T': 0.1, 'x_M': 0.003, 'sigma': 1e4}  # of an estimate: what the equations themselves leave out
@@ -99,6 +111,10 @@ class Belief(NamedTuple):
     T_E: float
     inconsistency: float
     is_corrected: bool  # by a measurement since the robot was taken to be at rest
+    log_evidence: float = 0.0  # of all measurements since then
+
+
+Hypotheses = tuple[Belief, ...]  # the most probable one first
 
 
 class Observer:
@@ -141,9 +157,10 @@ class Observer:
         self.restarts, self.too_late = 0, 0
         self._unseen = set(self.channels)
         self._events: list[Event] = []
-        self._beliefs: list[Belief] = []  # after each of the events
+        self._beliefs: list[Hypotheses] = []  # after each of the events
         self._estimate: Estimate | None = None
         self._observed: tuple[Run, Vector, Matrix] | None = None  # the last run that was looked at, and what was seen
+        self._agree_at = -math.inf  # [s], when one hypothesis is enough
         self._scales: Vector | None = None  # those of the first model
         first = self._reference(np.zeros(len(self._free) + self._structure.wires + 1), 0.0, FIRST_RUN)
         self._prepare(first.propagation)
@@ -153,12 +170,12 @@ class Observer:
     @property
     def time(self) -> float:
         """The time of the estimate [s]; NaN before the first message."""
-        return self._beliefs[-1].time if self._beliefs else math.nan
+        return self._beliefs[-1][0].time if self._beliefs else math.nan
 
     @property
     def parameters(self) -> dict[str, tuple[float, float]]:
         """Estimated values of the uncertain parameters by full name, and their standard deviations (SI)."""
-        belief, at = self._beliefs[-1] if self._beliefs else self._first, self._at.parameters
+        belief, at = self._beliefs[-1][0] if self._beliefs else self._first, self._at.parameters
         stds = np.sqrt(np.diag(belief.covariance)[at])
         found = {}
         for one, z, std in zip(self._free, belief.mean[at].tolist(), stds.tolist(), strict=True):
@@ -181,7 +198,7 @@ class Observer:
 
         Raises UserError before the first message.
         """
-        estimate, belief, at = self.estimate, self._beliefs[-1], self._at
+        estimate, belief, at = self.estimate, self._beliefs[-1][0], self._at
         run, mean = self._run_from_estimate(belief)
         return RobotState(
             belief.time,
@@ -241,13 +258,13 @@ class Observer:
         event = Event(time, self._measured(measurements or {}), self._heating(J_eq), ambient)
         if not math.isfinite(time):
             raise UserError(f'time = {time}: expected a finite time [s]')
-        if self._beliefs and time > self._beliefs[-1].time + MAX_PAUSE:
-            pause = time - self._beliefs[-1].time
+        if self._beliefs and time > self.time + MAX_PAUSE:
+            pause = time - self.time
             raise UserError(
                 f'time = {time:g} s is {pause:g} s after the one before: expected seconds, {MAX_PAUSE:g} at most; make '
                 'another Observer after a pause or a jump of the clock'
             )
-        if self._beliefs and time < self._beliefs[0].time - EARLIER:
+        if self._beliefs and time < self._beliefs[0][0].time - EARLIER:
             self.too_late += 1
             return self.estimate
         at = bisect.bisect_right(self._events, time + EARLIER, key=lambda one: one.time)
@@ -267,13 +284,14 @@ class Observer:
         """
         if not self._beliefs:
             raise UserError('the observer has no measurement yet: call update(time, J_eq, measurements) first')
-        belief, found, at = self._beliefs[-1], [], np.atleast_1d(as_array('times', times, '[s]'))
-        if not (np.diff(at, prepend=belief.time) >= 0.0).all():
-            raise UserError(f'times: expected times [s] that increase from {belief.time:g} s on, that of the last message')
-        belief = belief._replace(heating=self._heating(J_eq) or belief.heating)
+        beliefs, found, at = self._beliefs[-1], [], np.atleast_1d(as_array('times', times, '[s]'))
+        if not (np.diff(at, prepend=self.time) >= 0.0).all():
+            raise UserError(f'times: expected times [s] that increase from {self.time:g} s on, that of the last message')
+        heating = self._heating(J_eq)
+        beliefs = tuple(one._replace(heating=heating or one.heating) for one in beliefs)
         for time in at.tolist():
-            belief = self._propagated(belief, time)
-            found.append(self._estimate_of(belief))
+            beliefs = tuple(self._propagated(one, time) for one in beliefs)
+            found.append(self._estimate_of(beliefs))
         return found
 
     def _measured(self, measurements: Mapping[str, float]) -> Vector:
@@ -324,16 +342,17 @@ class Observer:
         self._is_mas = p.mas
         self._fractions = slice(p.first_x, p.first_x + wires) if p.mas else at.fractions
         unit = propagation.scales[p.first_x] if p.mas else FRACTION_SCALE
+        self._scales_of_T = propagation.scales[temperatures]
         self._coordinates = InvariantCoordinates(
             self._free,
             self.config.parameters,
             at,
             np.arange(at.count)[temperatures],
             np.arange(at.count)[self._fractions],
-            propagation.scales[temperatures],
+            self._scales_of_T,
             np.full(wires, unit),
         )
-        self._walk[temperatures] = (u['T_walk'] / propagation.scales[temperatures]) ** 2
+        self._walk[temperatures] = (u['T_walk'] / self._scales_of_T) ** 2
         self._walk[self._fractions] = (u['x_M_walk'] / unit) ** 2
         for place, std, time in (
             (at.parameters, 1.0, u['parameter_time']),
@@ -344,11 +363,17 @@ class Observer:
             self._decay[place], stationary[place] = 1.0 / time, np.square(std)
         self._stationary = np.diag(stationary)
         self._stationary[at.parameters, at.parameters] = prior_correlation(self.config, self._free)
-        of_states = np.zeros(self._size)
-        of_states[temperatures] = (u['initial_T_std'] / propagation.scales[temperatures]) ** 2
+        wire, of_states = propagation.model.wire, np.zeros(self._size)
+        self._warming = self.config.parameters['node.J_max'] / (wire.n * wire.lambda_ * wire.surface)  # [K]
+        of_states[temperatures] = (u['initial_T_std'] / self._scales_of_T) ** 2
         of_states[: p.coordinates] = u['discrepancy'] ** 2
         of_states[self._fractions] = (u['initial_x_M_std'] / unit) ** 2
         self._at_start = self._stationary + np.diag(of_states)
+        of_states[temperatures] = (self._warming / self._scales_of_T) ** 2 / 12.0
+        n = p.coordinates
+        of_states[:n], of_states[n : 2 * n] = 1.0, (propagation.scales[:n] / propagation.scales[n : 2 * n] / USUAL_TIME) ** 2
+        of_states[self._fractions] = 1.0  # at either transformation
+        self._at_any = self._stationary + np.diag(of_states)
         self._shown = np.arange(where.sensed.start, where.sensed.stop)
         of_wire = where.wires.start + PER_WIRE * np.arange(wires)
         self._outputs = np.concatenate([of_wire + WIRE_COLUMNS.index(name) for name in OUTPUTS])
@@ -369,22 +394,43 @@ class Observer:
         mean[at.parameters.start : at.count] = reference.extra
         return Belief(time, reference, run, mean, spread @ self._at_start @ spread.T, heating, T_E, 1.0, False)
 
-    def _after(self, event: Event) -> Belief:
-        """The belief after an event that follows those that there are beliefs of."""
+    def _after(self, event: Event) -> Hypotheses:
+        """The beliefs after an event that follows those that there are beliefs of."""
         if self._beliefs:
-            belief = self._propagated(self._beliefs[-1], event.time)
+            beliefs = tuple(self._propagated(one, event.time) for one in self._beliefs[-1])
         else:
             first = replace(self._first.reference, since=event.time, until=event.time + FIRST_RUN)
             belief = self._first._replace(time=event.time, reference=first)
             if event.T_E is not None and event.T_E != belief.T_E:
                 belief = self._start(first, event.time, belief.heating, event.T_E)
+            beliefs = (belief,)
         if np.isfinite(event.measured).any():
-            belief = belief if belief.is_corrected else self._less_sure(belief, event.measured)
-            belief = self._corrected(belief, event.measured)
+            beliefs = self._all_corrected(beliefs, event.measured)
+        return tuple(self._told_of(one, event) for one in beliefs)
+
+    def _told_of(self, belief: Belief, event: Event) -> Belief:
+        """A belief that knows what is in force after an event."""
         if event.heating is not None:
             belief = belief._replace(heating=event.heating)
         belief = belief if event.T_E is None else belief._replace(T_E=event.T_E)
         return self._run_anew(belief) if belief.time >= belief.reference.until else belief
+
+    def _all_corrected(self, beliefs: Hypotheses, measured: Vector) -> Hypotheses:
+        """The beliefs after a measurement (channels,), but for those that it makes improbable."""
+        rivals = [one for one in beliefs if one.is_corrected]
+        if not rivals:
+            self._agree_at = beliefs[0].time + AGREEMENT_TIME
+            rivals = [beliefs[0], self._of_any_history(beliefs[0], measured)]
+        elif rivals[0].time > self._agree_at:
+            rivals = rivals[:1]
+        found = [self._corrected(one, measured) for one in rivals]
+        if len(found) > 1:
+            evidence = [one.log_evidence + self._log_density(one, measured) for one in rivals]
+            found = [after._replace(log_evidence=log) for after, log in zip(found, evidence, strict=True)]
+            if not rivals[1].is_corrected:
+                found[1] = self._with_pure_wires(found[1])
+            found.sort(key=lambda one: -one.log_evidence)
+        return tuple(one for one in found if one.log_evidence > found[0].log_evidence - IMPROBABLE)
 
     def _inputs(self, belief: Belief) -> Vector:
         """The heating of each wire [W] and T_E [K] of the run (wires + 1,)."""
@@ -447,13 +493,75 @@ class Observer:
         expected = H @ gained + np.diag(self._noise[there] ** 2)
         return innovation, innovation**2 / np.diag(expected), expected, gained
 
-    def _less_sure(self, belief: Belief, measured: Vector) -> Belief:
-        """A first belief whose temperatures and fractions are as uncertain as a robot makes them that is not at rest."""
-        _, squares, _, _ = self._innovation(belief, measured)
-        states = np.r_[self._temperatures, self._fractions]
-        covariance = belief.covariance.copy()
-        covariance[states, states] *= max(1.0, float(np.mean(squares)))
-        return belief._replace(covariance=covariance)
+    def _of_any_history(self, belief: Belief, measured: Vector) -> Belief:
+        """What is believed of a robot before a first measurement (channels,), linearised about what it says."""
+        reference = replace(self._first.reference, since=belief.time - FIRST_RUN_OF_ANY, until=belief.time)
+        model, scales, states = reference.propagation.model, reference.propagation.scales, self._at.states
+        at_rest = run_at_rest(model, belief.T_E)
+        prior = at_rest.state.y / scales
+        prior[self._temperatures] += 0.5 * self._warming / self._scales_of_T
+        about, found = prior.copy(), belief
+        for _ in range(ITERATIONS):
+            run, mean = copy_of_run(model, at_rest), np.zeros(self._size)
+            run.state.y[:] = scales * about
+            spread = self._put_between_transformations(run, reference, belief)
+            mean[states] = prior - about
+            covariance = spread @ self._at_any @ spread.T
+            found = Belief(belief.time, reference, run, spread @ mean, covariance, belief.heating, belief.T_E, 1.0, False)
+            found = self._balanced(found)
+            about = about + self._corrected(found, measured).mean[states]
+        return found
+
+    def _put_between_transformations(self, run: Run, reference: Reference, belief: Belief) -> Matrix:
+        """Give wires x_M half way between the fractions at which they transform in their pose and at their temperatures.
+
+        Returns derivatives (size, size) of all that is estimated in the same, where x_M of a wire is replaced by where it
+        is between both: -1 in mode 4, 1 in mode 5.
+        """
+        propagation, state, size = reference.propagation, run.state, self._at.count
+        u = np.append(belief.heating, belief.T_E)
+        (least, of_least), (most, of_most) = (
+            propagation.fractions_of_transforming(belief.time, run, u, mode) for mode in (TO_MARTENSITE, TO_AUSTENITE)
+        )
+        unit, spread = self._coordinates.x_scale, np.eye(self._size)
+        spread[self._fractions, :size] = 0.5 * (of_least + of_most) / unit[:, None]
+        spread[self._fractions, self._fractions] = np.diag(0.5 * (most - least) / unit)
+        middle = np.clip(0.5 * (least + most), 0.0, 1.0)
+        state.mode[:], state.x_frozen[:] = INNER, middle
+        if self._is_mas:
+            state.y[self._fractions] = middle
+        return spread
+
+    def _balanced(self, belief: Belief) -> Belief:
+        """A belief that knows that the forces on the structure balance but for what accelerates it usually."""
+        propagation = belief.reference.propagation
+        n, scales = propagation.model.compiled.coordinates, propagation.scales
+        accelerations, of_unknowns = propagation.accelerations(belief.time, belief.run, self._inputs(belief))
+        H = np.zeros((n, self._size))
+        H[:, : self._at.count] = of_unknowns
+        gained = belief.covariance @ H.T
+        expected = H @ gained + np.diag((scales[:n] / USUAL_TIME**2) ** 2)
+        gain = np.linalg.solve(expected, gained.T).T
+        mean = belief.mean - gain @ (accelerations + H @ belief.mean)
+        return belief._replace(mean=mean, covariance=belief.covariance - gain @ gained.T)
+
+    def _with_pure_wires(self, belief: Belief) -> Belief:
+        """The belief that knows that pure austenite may be hotter than where it transforms, and pure martensite colder.
+
+        A temperature follows the stress of its wire, or lies anywhere beyond: mean and variance of both cases together.
+        """
+        place, scales, unit = self._temperatures, self._scales_of_T, self._coordinates.x_scale
+        estimate, std = self._about(belief) + belief.mean, np.sqrt(np.diag(belief.covariance))
+        T, x_M, x_M_std = scales * estimate[place], unit * estimate[self._fractions], unit * std[self._fractions]
+        austenite, martensite = ndtr(-x_M / x_M_std), ndtr((x_M - 1.0) / x_M_std)
+        hotter, colder = np.maximum([belief.T_E + self._warming - T, T - belief.T_E], 0.0) / scales
+        follows, shift = np.ones(self._size), 0.5 * (austenite * hotter - martensite * colder)
+        follows[place] -= austenite + martensite
+        mean, covariance = belief.mean.copy(), belief.covariance * np.outer(follows, follows)
+        mean[place] += shift
+        square = follows[place] * std[place] ** 2 + (austenite * hotter**2 + martensite * colder**2) / 3.0
+        covariance[place, place][np.diag_indices(len(T))] = square - shift**2
+        return belief._replace(mean=mean, covariance=covariance)
 
     def _corrected(self, belief: Belief, measured: Vector) -> Belief:
         """The belief after a measurement (channels,), NaN where there is none."""
@@ -470,9 +578,15 @@ class Observer:
             is_corrected=True,
         )
 
+    def _log_density(self, belief: Belief, measured: Vector) -> float:
+        """Log of the density that a belief gives to a measurement (channels,)."""
+        innovation, _, expected, _ = self._innovation(belief, measured)
+        squares = innovation @ np.linalg.solve(expected, innovation)
+        return -0.5 * float(squares + np.linalg.slogdet(2.0 * np.pi * expected)[1])
+
     def _running(self, belief: Belief, square: float) -> float:
         """The running mean of the squared innovations with another one."""
-        before = self._beliefs[-1].time if self._beliefs else belief.time
+        before = self.time if self._beliefs else belief.time
         new = -math.expm1(-max(belief.time - before, 0.0) / INCONSISTENCY_TIME)
         return (1.0 - new) * belief.inconsistency + new * square
 
@@ -517,7 +631,19 @@ class Observer:
             state.x_frozen[:] = np.clip(FRACTION_SCALE * mean[at.fractions], 0.0, 1.0)
         return run, mean
 
-    def _estimate_of(self, belief: Belief) -> Estimate:
+    def _estimate_of(self, beliefs: Hypotheses) -> Estimate:
+        """Mean and covariance over all hypotheses; modes are those of the most probable one."""
+        found = [self._estimate_by(one) for one in beliefs]
+        weights = np.exp([one.log_evidence - beliefs[0].log_evidence for one in beliefs])
+        weights /= weights.sum()
+        means = np.array([one.mean for one in found])
+        mean = weights @ means
+        spread = (means - mean).T @ (weights[:, None] * (means - mean))
+        covariance = np.tensordot(weights, [one.covariance for one in found], 1) + spread
+        T, x_M, stress = mean.reshape(len(OUTPUTS), -1)
+        return replace(found[0], T=T, x_M=x_M, stress=stress, covariance=covariance)
+
+    def _estimate_by(self, belief: Belief) -> Estimate:
         sample, derivatives = self._seen(belief)
         out = derivatives[self._outputs]
         covariance = max(1.0, belief.inconsistency) * (out @ belief.covariance @ out.T + np.diag(self._least))
