@@ -86,7 +86,7 @@ def test_wrong_meta(tmp_path, text, words):
         ('- a\n', 'expected lines such as'),
         ('a: [', 'is not YAML'),
         ('\x00', 'is not YAML'),
-        ('alpha: a\n', 'unknown column alpha (meant alpha_rad?)'),
+        ('alpha: a\n', 'unknown column alpha; did you mean alpha_rad'),
         ('system: robot\n', "got 'robot'"),
         ('system: wire\n', 'is for --system wire'),
         ('strain: s\n', 'a module has no column strain'),
@@ -100,7 +100,7 @@ def test_wrong_meta(tmp_path, text, words):
         ('T_E_K: {value: true}\n', 'value: expected a number'),
         ('T_E_K: {value: 1, scale: 2}\n', 'SI units already'),
         ('alpha_rad: angle\n', 'run.csv has no column angle'),
-        ('alpha_rad: alpha_radd\n', 'meant alpha_rad?'),
+        ('alpha_rad: alpha_radd\n', 'did you mean alpha_rad'),
     ],
 )
 def test_wrong_maps(tmp_path, text, words):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from sma_sim.evidence.data.table_format import is_number
 from sma_sim.evidence.data.tables import MAX_NAMES
 from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
+from sma_sim.model.nearest import suggestion
 from sma_sim.model.shown import listed
 
 ENTRY_KEYS = ('column', 'value', 'scale', 'offset', 'exponent', 'zero_std', 'drift_std', 'floor', 'relative_std')
@@ -191,9 +191,10 @@ def parsed_nuisances(where: str, given: Any) -> dict[str, dict[str, float]]:
 def parsed_origin(path: Path, name: str, entry: Any, names: Sequence[str]) -> Origin:
     """One line of a map. Raises UserError."""
     if name not in names:
-        close = get_close_matches(name, names, n=1)
-        hint = f' (meant {close[0]}?)' if close else ''
-        raise UserError(f'the map {path}: unknown column {name}{hint}; expected some of {", ".join(dict.fromkeys(names))}')
+        expected = dict.fromkeys(names)
+        raise UserError(
+            f'the map {path}: unknown column {name}{suggestion(name, expected)}; expected some of {", ".join(expected)}'
+        )
     if isinstance(entry, str):
         return Origin(entry)
     where = f'the map {path}, {name}'
@@ -298,11 +299,9 @@ def column_origins(path: Path, mapping: ColumnMap, names: Sequence[str], present
     for name, entry in found.items():
         missing = [column for column in (*entry.columns, *dict(entry.where)) if column not in present]
         if missing:
-            close = get_close_matches(missing[0], present, n=1)
-            hint = f' (meant {close[0]}?)' if close else ''
             raise UserError(
-                f'{path} has no column {missing[0]}{hint}, which the map {mapping.path} names for {name}; '
-                f'its columns are {listed(present, MAX_NAMES)}'
+                f'{path} has no column {missing[0]}, which the map {mapping.path} names for {name}'
+                f'{suggestion(missing[0], present)}; its columns are {listed(present, MAX_NAMES)}'
             )
     return found
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from difflib import get_close_matches
 from pathlib import Path
 
 from sma_sim.evidence.data.recording import Dataset, Recording
 from sma_sim.evidence.data.sources import recordings_in
 from sma_sim.model.errors import UserError
+from sma_sim.model.nearest import suggestion
 
 MIN_RUNS_TO_HOLD_OUT = 3  # with fewer, nothing is held out unless the user asks for it
 
@@ -40,8 +40,7 @@ def split_dataset(dataset: Dataset, words: Sequence[str]) -> tuple[Dataset, Data
     for word in words:
         matching = {name for name in names if matches(name, word)}
         if not matching:
-            close = get_close_matches(word, names, n=1, cutoff=0.4)
-            hint = f'; did you mean {close[0]}?' if close else ''
+            hint = suggestion(word, names)
             raise UserError(f'--hold-out {word}: no such file and no such recording{hint}; there are {", ".join(names)}')
         chosen |= matching
     training = tuple(recording for recording in dataset.recordings if recording.name not in chosen)

@@ -27,7 +27,7 @@ from sma_sim.evidence.estimation.calibrate import (
 from sma_sim.evidence.estimation.curve_features import curve_features
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
 from sma_sim.evidence.estimation.free_parameters import declared_parameters, free_parameter
-from sma_sim.evidence.estimation.held_out_prediction import RunFit, evaluate_held_out, point_with, pooled_error, run_fits
+from sma_sim.evidence.estimation.held_out_prediction import RunFit, point_with, pooled_error, predict_recordings, run_fits
 from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.prepared_fit import PreparedFit
 from sma_sim.evidence.estimation.problem import Problem, cost_at, linearize
@@ -123,7 +123,7 @@ def errors_in_own_rooms(stages: Sequence[ModelStage], held_out: Dataset, context
     """By stage, the normalized RMSE of held-out runs whose ambient temperatures are estimated as their initial states are:
     where these differ from those of the fitted runs, errors without that compare rooms, not models."""
     runs = with_differences(held_out, (AMBIENT,))
-    predicted = (evaluate_held_out(one.config, runs, one.delay, context.pool, one.train) for one in stages)
+    predicted = (predict_recordings(one.config, runs, one.delay, context.pool, one.train) for one in stages)
     return tuple(pooled_error(fits)[0] for fits in predicted)
 
 
@@ -282,7 +282,7 @@ class StageData:
 
     def predicted(self, fit: FitResult | Calibration, context: SearchContext) -> tuple[RunFit, ...]:
         """The held-out runs, as they are here, under a model."""
-        return evaluate_held_out(fit.config, self.held_out, fit.delay, context.pool, fit.error) if self.held_out else ()
+        return predict_recordings(fit.config, self.held_out, fit.delay, context.pool, fit.error) if self.held_out else ()
 
     def under(self, fit: FitResult, context: SearchContext) -> StageData:
         """The same with what differs between the recordings in a model; of held-out runs that is what predicts them best."""
@@ -309,7 +309,7 @@ def with_lost_power(dataset: Dataset, side: int, fit: FitResult, context: Search
     """Held-out runs, without the power of commands of one sign where a model predicts them better so."""
     without = replace(dataset, recordings=tuple(replace(one, unpowered_side=side) for one in dataset.recordings))
     errors = [
-        [run.error for run in evaluate_held_out(fit.config, runs, fit.delay, context.pool)] for runs in (dataset, without)
+        [run.error for run in predict_recordings(fit.config, runs, fit.delay, context.pool)] for runs in (dataset, without)
     ]
     pairs = zip(dataset.recordings, without.recordings, *errors, strict=True)
     return replace(dataset, recordings=tuple(lost if less < error else one for one, lost, error, less in pairs))
@@ -349,8 +349,9 @@ def with_ambient_of_held_out(
     known = found.uncertainty
     if known is None or not known.ambient or data.held_out is None or context.stop.is_set():
         return found
+    problem, z = with_held_out(found, fit, data, predicted)
     try:
-        ambient = known_ambient(*with_held_out(found, fit, data, predicted), context.pool)
+        ambient = known_ambient(problem, z, context.pool)
     except SimulationError:
         return found
     return replace(found, uncertainty=replace(known, ambient={**ambient, **known.ambient}))
@@ -449,7 +450,8 @@ def refits(
     both = pooled(data.training, data.held_out)
     problem = replace(problem_for(both, last.problem.config, data.options, 1), free=last.problem.free)
     context.on_progress('fitting the held-out runs too')
-    found = refit(problem, point_with(problem, last.z.tolist(), predicted), context, FROM_PRIORS)
+    z = point_with(problem, last.z.tolist(), predicted)
+    found = refit(problem, z, context, FROM_PRIORS)
     yield found
     context.on_progress('fitting all runs from the start')
     names = tuple(parameter.name for parameter in last.problem.free)

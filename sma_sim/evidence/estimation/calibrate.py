@@ -353,8 +353,8 @@ def problem_for(dataset: Dataset, config: Config, options: FitOptions, every: in
     if step_limited and all(map(has_tangents, structures)):
         rtol = max(rtol, min(rtol * LOOSER[config.simulated_kinetics], hidden_rtol(dataset)))
     names = with_nuisance_names(options.names, dataset, config)
-    chosen = choose_free(config, names, dataset.channels)[0]
-    free = with_usual_limits(under_nuisance_priors(chosen, dataset), config, options.material)
+    free = under_nuisance_priors(choose_free(config, names, dataset.channels)[0], dataset)
+    free = with_usual_limits(free, config, options.material)
     runs = tuple(fit_data(recording, dataset.noise_std, every, rtol, step_limited) for recording in dataset.recordings)
     if dataset.floor:
         shares = {name: (floor / dataset.noise_std[name]) ** 2 for name, floor in dataset.floor.items()}
@@ -451,7 +451,7 @@ def final_calibration(dataset: Dataset, fit: FitResult, options: FitOptions, con
     t_start = time.perf_counter()
     last = final_fit(dataset, fit, options, context)
     found = calibration_of(last, context)
-    known, by_run = None, tuple[ParameterByRun, ...]()
+    known, covariance, by_run = None, None, tuple[ParameterByRun, ...]()
     if options.intervals and not context.stop.is_set():
         job = partial(reduced_runs, last.problem, last.z, context.pool, partial(information_and_reduced, last))
         (reduced,) = run_in_threads([job], context.stop)
@@ -460,13 +460,12 @@ def final_calibration(dataset: Dataset, fit: FitResult, options: FitOptions, con
         check = partial(checked_by_runs, known, last.problem, last.z, informations, context.pool)
         (checked,) = run_in_threads([check], context.stop)
         known = with_other_minima(checked, last.other_starts)
+        covariance = posterior_covariance(last.problem.free, known)
         by_run = estimates_by_run(last.problem, last.z, [run for _, run in reduced])
-    rtol = fit.problem.config.parameters['solver.rtol']
+    rtol = {'solver.rtol': fit.problem.config.parameters['solver.rtol']}
     return replace(
         found,
-        config=with_starts(last.config, found.runs)
-        .variant({'solver.rtol': rtol})
-        .with_covariance(posterior_covariance(last.problem.free, known) if known else None),
+        config=with_starts(last.config, found.runs).variant(rtol).with_covariance(covariance),
         fixed=choose_free(last.problem.config, options.names, dataset.channels)[1],
         uncertainty=known,
         interrupted=context.stop.is_set(),

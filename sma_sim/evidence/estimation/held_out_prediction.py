@@ -208,10 +208,17 @@ def evaluate_held_out(
         check_delay(delay, recording.time, recording.name)
     if not fitted_error >= 0.0:
         raise UserError(f'fitted_error = {fitted_error}: expected a normalized RMSE, 0 or more')
+    with executor_or_threads(executor) as pool:
+        return predict_recordings(config, dataset, delay, pool, fitted_error)
+
+
+def predict_recordings(
+    config: Config, dataset: Dataset, delay: float, pool: Executor, fitted_error: float = 1.0
+) -> tuple[RunFit, ...]:
+    """Recordings as `evaluate_held_out` predicts them, of which it is known that they suit the configuration."""
     floor = config.parameters['solver.rtol']
     runs = tuple(fit_data(recording, dataset.noise_std, floor=floor) for recording in dataset.recordings)
-    with executor_or_threads(executor) as pool:
-        return predict_runs(config, runs, delay, SearchContext(pool, Event()), fitted_error)
+    return predict_runs(config, runs, delay, SearchContext(pool, Event()), fitted_error)
 
 
 def with_starts(config: Config, fits: tuple[RunFit, ...]) -> Config:

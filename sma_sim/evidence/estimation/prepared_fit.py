@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.recordings import same_options
@@ -85,7 +84,8 @@ def with_nuisance_effects(config: Config, dataset: Dataset) -> Config:
         found = known.get(name)
         if found is None:
             expected = sorted(name for name, effect in known.items() if acts_on(effect.effect, structure))
-            raise UserError(f'nuisances of the map: {name} is no effect on a {structure.title}{hint(name, expected)}')
+            hint = suggestion(name, expected) or f'; expected some of {", ".join(expected)}'
+            raise UserError(f'nuisances of the map: {name} is no effect on a {structure.title}{hint}')
         check_parameters(name, found, stds)
         if name not in active and acts_on(found.effect, structure):  # a map may serve a part of its campaign
             values = (p.default if p.neutral is None else p.neutral for p in found.effect.parameters)
@@ -98,12 +98,6 @@ def check_parameters(name: str, found: FoundEffect, given: Iterable[str]) -> Non
     names = [p.name for p in found.effect.parameters]
     for wrong in (parameter for parameter in given if parameter not in names):
         raise UserError(f'nuisances of the map, {name}: no parameter {wrong}; expected some of {", ".join(names)}')
-
-
-def hint(name: str, known: Sequence[str]) -> str:
-    """What may have been meant."""
-    close = get_close_matches(name, known, n=1, cutoff=0.4)
-    return f'; did you mean {close[0]}?' if close else f'; expected some of {", ".join(known)}'
 
 
 def kinetics_to_try(asked: str | None, config: Config) -> tuple[str, ...]:
