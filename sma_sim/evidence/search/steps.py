@@ -13,6 +13,7 @@ from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import FreeParameter
 from sma_sim.evidence.estimation.problem import accumulated, normal_parts
 from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.estimation.uncertainty import inverse_of_precision
 from sma_sim.evidence.model_selection.refit import is_plausible_fit
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.evidence.search.beam import Book
@@ -131,10 +132,9 @@ def candidate_fit(
 
 
 def standard_errors(fit: FitResult, k: float, pool: Executor) -> dict[str, float]:
-    """Standard deviations of the free parameters (SI) under an overdispersion k; not a number where data tell nothing."""
+    """Standard deviations of the free parameters (SI) under an overdispersion k; large where data tell nothing."""
     _, _, hessian = accumulated(normal_parts(fit.problem, fit.z, pool), fit.z, k)
-    variance = np.diag(np.linalg.inv(hessian)) * k**2
-    std = np.sqrt(np.where(variance >= 0.0, variance, np.nan))
+    std = k * np.sqrt(np.diag(inverse_of_precision(hessian)))
     return {p.name: std_of_value(p, float(z), float(s)) for p, z, s in zip(fit.problem.free, fit.z, std, strict=False)}
 
 
