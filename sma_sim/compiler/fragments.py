@@ -187,5 +187,4 @@ def fragment(python: Callable[..., Any], inlined: bool) -> Any:
         'no_cfunc_wrapper': True,
     }
     compiler = OwnFragmentCompiler if python.__module__.startswith('sma_sim.') else FragmentCompiler
-    made: Any = Fragment(python, targetoptions=options, pipeline_class=compiler)
-    return made
+    return Fragment(python, targetoptions=options, pipeline_class=compiler)

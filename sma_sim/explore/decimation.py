@@ -28,8 +28,7 @@ def decimated(time: Vector, values: Vector, pixels: int) -> NDArray[np.int64]:
     for bound in (np.minimum.reduceat(y, begin), np.maximum.reduceat(y, begin)):
         equal = np.flatnonzero(y == bound[stretch])
         kept[equal[np.diff(stretch[equal], prepend=-1) > 0]] = True  # the first of each column
-    found: NDArray[np.int64] = known[kept]
-    return found
+    return known[kept]
 
 
 def where_it_moves(columns: Sequence[Vector], count: int) -> NDArray[np.int64]:

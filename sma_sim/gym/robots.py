@@ -54,14 +54,12 @@ class Robots:
     def position(self) -> Vector:
         """Where the coordinates are, from -1 to 1 of their range."""
         middle, half = self.task.span
-        found: Vector = (self._seen[:, 0] - middle) / half
-        return found
+        return (self._seen[:, 0] - middle) / half
 
     @property
     def target(self) -> Vector:
         """Where they should be."""
-        found: Vector = self._targets[np.arange(self.count), self.k]
-        return found
+        return self._targets[np.arange(self.count), self.k]
 
     @property
     def observation(self) -> NDArray[np.float32]:
@@ -84,5 +82,4 @@ class Robots:
     @property
     def ended(self) -> NDArray[np.bool_]:
         """Whose time is over."""
-        found: NDArray[np.bool_] = self.k >= self.task.steps
-        return found
+        return self.k >= self.task.steps

@@ -149,8 +149,7 @@ class FixedRateRun:
 
 def first_steps(times: Vector, rate: float) -> NDArray[np.int64]:
     """The first steps that begin at `times` [s] or later."""
-    steps: NDArray[np.int64] = np.ceil(times * rate - STEP_TOLERANCE).astype(np.int64)
-    return steps
+    return np.ceil(times * rate - STEP_TOLERANCE).astype(np.int64)
 
 
 def held_inputs(source: Input, rate: float) -> tuple[int, NDArray[np.float64]]:

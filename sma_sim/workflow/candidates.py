@@ -174,8 +174,7 @@ class LinearModel:
         """Standard deviations of the unknowns (n,), widened by the error that is left."""
         cost, _, hessian = quadratic_model(self.problem, self.linear, self.z)
         left = max(1.0, FitResult(self.problem, self.z, cost).error)
-        found: Vector = left * np.sqrt(np.diag(np.linalg.inv(hessian)))
-        return found
+        return left * np.sqrt(np.diag(np.linalg.inv(hessian)))
 
 
 def candidate_effects(

@@ -16,8 +16,7 @@ def added_force(s: State, w: WireConstants, p: Any) -> float:
     """What is passed on less what equal wires would pass on [N per wire]."""
     spread: float = p.F_s
     if abs(s.F) < spread:
-        added: float = (s.F + spread) ** 2 / (4.0 * spread) - s.F
-        return added
+        return (s.F + spread) ** 2 / (4.0 * spread) - s.F
     return max(0.0, s.F) - s.F
 
 

@@ -174,8 +174,7 @@ def reported_covariance(free: Sequence[FreeParameter], known: Uncertainty) -> Ma
         ]
     )
     correlation = np.reshape(known.correlation, (len(std), len(std)))
-    found: Matrix = correlation * np.outer(std, std)
-    return found
+    return correlation * np.outer(std, std)
 
 
 def approximate_covariance(fit: FitResult, context: SearchContext) -> Matrix:

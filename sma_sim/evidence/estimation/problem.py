@@ -415,8 +415,7 @@ def robust_cost(residuals: Matrix, robust: bool) -> float:
 
 def robust_weights(residuals: Matrix) -> Matrix:
     """Square roots of the weights that make Huber's function a weighted sum of squares."""
-    weights: Matrix = np.sqrt(np.minimum(1.0, HUBER_CORNER / np.maximum(np.abs(residuals), 1e-300)))
-    return weights
+    return np.sqrt(np.minimum(1.0, HUBER_CORNER / np.maximum(np.abs(residuals), 1e-300)))
 
 
 def normal_equations(linear: LinearizedRun, robust: bool) -> NormalEquations:
@@ -484,8 +483,7 @@ def better_steps(problem: Problem, hessian: Matrix, central: bool) -> Vector:
     ratio = error / sensitivity
     best = np.cbrt(3.0 * ratio / CURVATURE**2) if central else np.sqrt(2.0 * ratio / CURVATURE)
     most = np.where(np.arange(len(best)) < len(problem.shared), MAX_STEP, MAX_RUN_STEP)
-    steps: Vector = np.clip(best, MIN_STEP, most)
-    return steps
+    return np.clip(best, MIN_STEP, most)
 
 
 def quadratic_model(problem: Problem, linear: Iterable[LinearizedRun], z: Vector) -> QuadraticModel:

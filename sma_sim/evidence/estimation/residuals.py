@@ -530,8 +530,7 @@ def elapsed(run: FitData) -> Vector:
 def baseline(run: FitData, shown: NDArray[np.float64]) -> NDArray[np.float64]:
     """What the channels show too much at each sample (channels, k)."""
     found = offsets(run, shown)
-    shape: NDArray[np.float64] = found[:, :1] + found[:, 1:] * elapsed(run)
-    return shape
+    return found[:, :1] + found[:, 1:] * elapsed(run)
 
 
 def offsets_of(config: Config, run: FitData, nuisance: Nuisance) -> tuple[dict[str, float], dict[str, float]]:

@@ -154,8 +154,7 @@ def looser(run: FitData, config: Config) -> float:
 def derivatives(run: FitData, nuisance: Nuisance, shown: Matrix, tangents: NDArray[np.float64]) -> NDArray[np.float64]:
     """Derivatives of weighted residuals from those of what is shown: the baseline of a recording moves with that."""
     if not (run.zero_std or nuisance.unknown_zero):
-        found: NDArray[np.float64] = tangents * run.weight
-        return found
+        return tangents * run.weight
     here = compared(run, shown, nuisance)
     sides: Sequence[Matrix] = [(compared(run, shown + DELTA * one, nuisance) - here) / DELTA for one in tangents]
     return np.array(sides)

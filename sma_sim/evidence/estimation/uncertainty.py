@@ -351,8 +351,7 @@ def direction(free: Sequence[FreeParameter], vector: Vector, information: float)
 def correlations(covariance: Matrix) -> Matrix:
     """Correlation coefficients."""
     std = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
-    found: Matrix = np.clip(covariance / np.outer(std, std), -1.0, 1.0) if len(std) else covariance
-    return found
+    return np.clip(covariance / np.outer(std, std), -1.0, 1.0) if len(std) else covariance
 
 
 def correlation_times(runs: Sequence[RunInformation]) -> dict[str, float]:

@@ -85,8 +85,7 @@ def bang_bang(grid: CommandGrid, random: Random) -> Vector:
 def ramps(grid: CommandGrid, random: Random) -> Vector:
     """Lines between random levels."""
     knots = np.sort(np.append(random.uniform(0.0, grid.cells, int(random.integers(2, 12))), [0.0, grid.cells]))
-    levels: Vector = np.interp(np.arange(grid.cells), knots, random.uniform(-grid.power, grid.power, len(knots)))
-    return levels
+    return np.interp(np.arange(grid.cells), knots, random.uniform(-grid.power, grid.power, len(knots)))
 
 
 def sines(grid: CommandGrid, random: Random) -> Vector:

@@ -146,5 +146,4 @@ def weak_directions(covariance: Matrix, weak_std: float, fewest: int) -> Matrix:
     """Combinations (k, n), of unit length, whose standard deviation exceeds `weak_std`; at least the `fewest` weakest."""
     variances, vectors = np.linalg.eigh(covariance)
     count = max(int(np.sum(variances > weak_std**2)), min(fewest, len(variances)))
-    chosen: Matrix = vectors[:, len(variances) - count :].T
-    return chosen
+    return vectors[:, len(variances) - count :].T

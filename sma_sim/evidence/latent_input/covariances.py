@@ -37,8 +37,7 @@ class KnotStates:
 
 def exponential_covariance(t: Vector, correlation_time: float) -> Matrix:
     """exp(-|t - t'|/tau) (m, m): continuous, with corners and steep parts allowed."""
-    covariance: Matrix = np.exp(-np.abs(t[:, None] - t) / correlation_time)
-    return covariance
+    return np.exp(-np.abs(t[:, None] - t) / correlation_time)
 
 
 def state_covariance(knots: KnotStates, names: tuple[str, ...], length_scale: float) -> Matrix:

@@ -170,8 +170,7 @@ class Comparison:
 
     def whitened(self, rows: Vector) -> Vector:
         """Rows (N,) as white noise is."""
-        found: Vector = rows - self.directions @ (self.shrinks * (self.directions.T @ rows))
-        return found
+        return rows - self.directions @ (self.shrinks * (self.directions.T @ rows))
 
     def response(self, model: Model, nominal: Model, noise: Vector, warmer: float, onset: float) -> Vector | None:
         """By how much more a model shows that takes the place of the nominal one; None where it cannot be run."""
@@ -208,8 +207,7 @@ class FittedCause:
     def precision(self, weight: float = 1.0) -> Matrix:
         """Inverse covariance of amounts and instant; `weight` of squares."""
         prior = np.diag([*np.full(len(self.amounts), AMOUNT**-2), ONSET_STD**-2])
-        told: Matrix = weight * self.responses @ self.responses.T + prior
-        return told
+        return weight * self.responses @ self.responses.T + prior
 
     def score(self, weight: float = 1.0) -> float:
         """The log posterior, but for the prior of the cause; `weight` of squares."""

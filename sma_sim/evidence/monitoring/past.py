@@ -58,8 +58,7 @@ class Window:
     @property
     def residuals(self) -> Vector:
         """Of all bins and channels where something was measured, over the noise of their means, (N,)."""
-        found: Vector = self.means[self.root > 0.0]
-        return found
+        return self.means[self.root > 0.0]
 
     @property
     def error(self) -> float:
@@ -73,8 +72,7 @@ class Window:
     @property
     def tangents(self) -> Matrix:
         """Derivatives of `residuals` in the parameters, with another sign (P, N)."""
-        found: Matrix = np.moveaxis(self.slopes, 1, 0)[:, self.root > 0.0]
-        return found
+        return np.moveaxis(self.slopes, 1, 0)[:, self.root > 0.0]
 
     def told(self, prior: Prior) -> tuple[Vector, Matrix]:
         """By how much other parameters (P,) explain most, and their precision (P, P) then."""
@@ -192,8 +190,7 @@ class Window:
 
     def _over_noise(self, run: Trajectory, model: Model, noise: Vector, count: int) -> Vector:
         """What sensors show in the first `count` bins, over noise, as `residuals`."""
-        found: Vector = (shown_by(run, model, count) / noise * self.root[:count])[self.root[:count] > 0.0]
-        return found
+        return (shown_by(run, model, count) / noise * self.root[:count])[self.root[:count] > 0.0]
 
 
 class Past:

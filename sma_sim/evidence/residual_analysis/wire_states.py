@@ -43,5 +43,4 @@ def rate_of_change(time: Vector, values: Vector) -> Vector:
     """Rate of change (k,) by central differences."""
     if len(time) < 2:
         return np.zeros(len(time))
-    found: Vector = np.gradient(values, time)
-    return found
+    return np.gradient(values, time)

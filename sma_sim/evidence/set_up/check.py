@@ -241,15 +241,13 @@ def ranked(problem: Problem, z: Vector, proposals: Sequence[Proposal], context: 
 
 def in_units(run: FitData, rows: Rows) -> Rows:
     """Weighted rows (..., channels, k) in the units of their channels."""
-    units: Rows = rows / np.where(run.weight > 0.0, run.weight, 1.0)
-    return units
+    return rows / np.where(run.weight > 0.0, run.weight, 1.0)
 
 
 def as_if_right(run: FitData, fault: Fault, residuals: Rows) -> Rows:
     """The residuals (channels, k) of a run without a fault of its channels: what the model shows stays."""
     right = fault.in_run(run)
-    found: Rows = (in_units(run, residuals) + run.measured - right.measured) * right.weight * (run.weight > 0.0)
-    return found
+    return (in_units(run, residuals) + run.measured - right.measured) * right.weight * (run.weight > 0.0)
 
 
 def linear_as_if_right(run: FitData, fault: Fault, linear: LinearizedRun) -> LinearizedRun:

@@ -63,8 +63,7 @@ class InvariantCoordinates:
     def covariance(self, covariance: Matrix, about: Vector, mean: Vector, T_E: float, told: NDArray[np.bool_]) -> Matrix:
         """The covariance (n, n) of such an estimate about its `mean`."""
         moved = np.linalg.solve(self._derivatives(mean, T_E, told), self._derivatives(about, T_E, told))
-        found: Matrix = moved @ covariance @ moved.T
-        return found
+        return moved @ covariance @ moved.T
 
     def _derivatives(self, at: Vector, T_E: float, told: NDArray[np.bool_]) -> Matrix:
         """Of the coordinates in the vector (n, n)."""
