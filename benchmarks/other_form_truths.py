@@ -35,7 +35,7 @@ def form(
     effect: str, scopes: tuple[str, ...], hidden: Effect, *terms: str, variables: tuple[str, ...] = ('T',)
 ) -> OtherForm:
     """A form with its truth."""
-    truth = simulated_truth(hidden, library=effect, variables=variables, file=__file__)
+    truth = simulated_truth(hidden, library=effect, variables=variables)
     return OtherForm(truth, effect, scopes, tuple((term,) for term in terms))
 
 
@@ -117,12 +117,12 @@ FORMS: dict[str, OtherForm] = {
         'wire_1_fatigue', 'transformation_stress', "z' = |x'| (1 - z)/N, both stresses of wire 1 fall by s z",
         (drawn_parameter('s', 'Pa', 1.5e7, 4e7, 'loss'), drawn_parameter('N', '-', 1.0, 4.0, 'transformations')),
         lambda s, w, p, m: ((s.wire - 1.0) * p.s * m.z, (s.wire - 1.0) * p.s * m.z), states=('z',), scale=(1.0,),
-        rate=lambda s, w, p, m: (abs(s.dx) * (1.0 - m.z) / p.N,)), 'trained'),
+        rate=lambda s, w, p, m: (abs(s.dx) * (1.0 - m.z) / p.N,)), 'training'),
     'unsaturated_fatigue': form('functional_fatigue', ('',), law(
         'unsaturated_fatigue', 'transformation_stress', "z' = |x'|, both stresses fall by r z",
         (drawn_parameter('r', 'Pa', 4e6, 1.2e7, 'loss per transformation'),),
         lambda s, w, p, m: (-p.r * m.z, -p.r * m.z), states=('z',), scale=(1.0,),
-        rate=lambda s, w, p, m: (abs(s.dx),)), 'worked'),
+        rate=lambda s, w, p, m: (abs(s.dx),)), 'accumulated_transformation'),
     'wire_2_latent': form('latent_heat_scale', ('wire_2',), law(
         'wire_2_latent', 'wire_heat', "Q_2 = q x'",
         (drawn_parameter('q', 'J', 0.15, 0.3, 'further latent heat of a wire'),),

@@ -12,6 +12,7 @@ import pkgutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
+from inspect import getfile
 from pathlib import Path
 from types import MappingProxyType
 
@@ -76,12 +77,11 @@ def simulated_truth(
     *effects: Effect,
     library: str = '',
     variables: tuple[str, ...],
-    file: str,
     signed: tuple[str, ...] = (),
     T_E: float | None = None,
     listed: Listed | None = None,
 ) -> Truth:
-    """A truth made of effects that are simulated; `file` is the one that declares them."""
+    """A truth made of effects that are simulated, whose kernels are written in one file."""
     parameters = {p.name: p for effect in effects for p in effect.parameters}
     first = effects[0]
     return Truth(
@@ -92,7 +92,7 @@ def simulated_truth(
         tuple(parameters.values()),
         effects,
         signed=signed,
-        files=(Path(file),),
+        files=(Path(getfile(first.kernel)),),
         T_E=T_E,
         listed=listed,
     )

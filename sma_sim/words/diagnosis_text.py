@@ -26,7 +26,7 @@ from sma_sim.words.set_up import set_up_sentences
 NOTHING_MISSING = 'These data show no sign of a missing effect.'
 NOTHING_MISSING_BUT = 'These data show no sign of a missing effect. What differs from recording to recording: {what}.'
 NOTHING_FOUND = 'No known effect explains more, and yet something is probably missing.'
-BENT_NOMINAL = 'The fit without further effects left the plausible range, as where something is missing: {parameters}.'
+BIASED_NOMINAL = 'The fit without further effects left the plausible range, as where something is missing: {parameters}.'
 SET_UP_FIRST = 'The set-up has to be fixed first; no effect was searched for.'
 UNKNOWN_EFFECT = 'Something is missing that no known effect explains.'
 OPEN = (
@@ -276,7 +276,7 @@ def implausible_lines(diagnosis: Diagnosis) -> Iterator[str]:
     if implausible:
         yield implausible_sentence(implausible)
     elif not diagnosis.calibration.implausible and diagnosis.implausible and len(diagnosis.stages) > 1:
-        yield BENT_NOMINAL.format(parameters=', '.join(parameter.text for parameter in diagnosis.implausible))
+        yield BIASED_NOMINAL.format(parameters=', '.join(parameter.text for parameter in diagnosis.implausible))
 
 
 def removed_lines(diagnosis: Diagnosis) -> Iterator[str]:

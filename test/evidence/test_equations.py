@@ -75,10 +75,10 @@ NIGHTLY = (
     ('location', 'term', 'coefficient'),
     [
         ('moment_alpha', 'hinge_leaking', -5e-3),
-        ('stiffness', 'slow_warmth', 3e-3),
+        ('stiffness', 'slow_mean_temperature', 3e-3),
         ('heat', 'dT_switched', -1e-3),
-        ('power_1', 'tired_supply', -0.05),
-        ('stress', 'worked', -1e6),
+        ('power_1', 'supply_sag', -0.05),
+        ('stress', 'accumulated_transformation', -1e6),
         ('sense_alpha', 'play', 1.0),
         *(pytest.param(*one, marks=pytest.mark.slow) for one in NIGHTLY),
     ],

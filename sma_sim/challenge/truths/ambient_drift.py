@@ -23,7 +23,6 @@ TRUTHS = (
         EFFECT,
         library='ambient_drift',
         variables=('t',),
-        file=__file__,
         listed=lambda p, of: {'c': p['rise'] / PERIOD},
         signed=('rise',),
     ),

@@ -25,7 +25,6 @@ TRUTHS = (
         EFFECT,
         library='ambient_heating',
         variables=('T', 'memory'),
-        file=__file__,
         listed=lambda p, of: {'R': 1.0 / p['G'], 'tau': p['C'] / p['G']},
     ),
 )

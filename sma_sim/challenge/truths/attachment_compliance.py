@@ -32,7 +32,6 @@ TRUTHS = (
         EFFECT,
         library='attachment_compliance',
         variables=('sigma',),
-        file=__file__,
         listed=lambda p, of: {'C': of['wire.n'] / p['k_c']},
     ),
 )

@@ -45,7 +45,6 @@ TRUTHS = (
         EFFECT,
         library='beam_creep',
         variables=('U_x', 'U_y', 'alpha', 'memory'),
-        file=__file__,
         listed=lambda p, of: {'phi': p['c'] / (1.0 + p['c']), 'tau': p['tau_c'] / (1.0 + p['c'])},
     ),
 )

@@ -34,7 +34,6 @@ TRUTHS = (
         EFFECT,
         library='beam_nonlinearity',
         variables=('U_x', 'U_y', 'alpha'),
-        file=__file__,
         listed=lambda p, of: {'b': 0.0, 'c': p['c']},
     ),
 )

@@ -20,7 +20,6 @@ TRUTHS = (
         EFFECT,
         library='clausius_clapeyron_mismatch',
         variables=('T',),
-        file=__file__,
         listed=lambda p, of: {'delta': p['excess'] * of['wire.sigma_T']},
     ),
 )

@@ -20,7 +20,6 @@ TRUTHS = (
         EFFECT,
         library='driver_deadband',
         variables=('J',),
-        file=__file__,
         listed=lambda p, of: {'J_d': p['P_q'] / of['wire.n']},
     ),
 )

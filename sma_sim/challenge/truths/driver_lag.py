@@ -27,7 +27,6 @@ TRUTHS = (
         EFFECT,
         library='driver_lag',
         variables=('J', 'memory'),
-        file=__file__,
         listed=lambda p, of: {'tau': p['t_r'] / LN_9, 'rise': 0.0},
     ),
 )

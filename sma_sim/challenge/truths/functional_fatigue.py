@@ -49,7 +49,6 @@ TRUTHS = (
         PLATEAUS,
         library='functional_fatigue',
         variables=('dx', 'memory'),
-        file=__file__,
         listed=lambda p, of: {'eps_r': p['e_inf'], 'sigma_r': p['s_inf'], 'z_r': p['N']},
     ),
 )

@@ -30,7 +30,6 @@ TRUTHS = (
         EFFECT,
         library='gravity',
         variables=('constant',),
-        file=__file__,
         listed=lambda p, of: {
             'g_x': -p['share'] * STANDARD_GRAVITY * math.cos(p['lean']),
             'g_y': p['share'] * STANDARD_GRAVITY * math.sin(p['lean']),

@@ -24,7 +24,6 @@ TRUTHS = (
         EFFECT,
         library='guide_friction',
         variables=('v', 'F'),
-        file=__file__,
         listed=lambda p, of: {'mu': p['mu']},
     ),
 )

@@ -34,7 +34,6 @@ TRUTHS = (
         EFFECT,
         library='heat_capacity_difference',
         variables=('x', 'T'),
-        file=__file__,
         listed=lambda p, of: {'r': p['f']},
         signed=('f',),
     ),

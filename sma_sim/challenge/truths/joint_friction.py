@@ -24,7 +24,6 @@ TRUTHS = (
         EFFECT,
         library='joint_friction',
         variables=('dalpha',),
-        file=__file__,
         listed=lambda p, of: {'M_c': p['M_c']},
     ),
 )

@@ -28,7 +28,6 @@ TRUTHS = (
         EFFECT,
         library='latent_heat_scale',
         variables=('dx',),
-        file=__file__,
         listed=lambda p, of: {'k': 1.0 + p['f']},
         signed=('f',),
     ),

@@ -24,7 +24,6 @@ TRUTHS = (
         EFFECT,
         library='natural_convection',
         variables=('T',),
-        file=__file__,
         listed=lambda p, of: {'k': p['h_50'] / 50.0 ** p['m'], 'm': p['m']},
     ),
 )

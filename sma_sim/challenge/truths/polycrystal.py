@@ -26,7 +26,6 @@ TRUTHS = (
         EFFECT,
         library='polycrystal',
         variables=('x',),
-        file=__file__,
         listed=lambda p, of: {'spread': p['H']},
     ),
 )

@@ -20,7 +20,6 @@ TRUTHS = (
         EFFECT,
         library='power_gain_mismatch',
         variables=('J', 'wire'),
-        file=__file__,
         listed=lambda p, of: {'ratio': 1.0 + p['r']},
     ),
 )

@@ -20,7 +20,6 @@ TRUTHS = (
         EFFECT,
         library='pretension_mismatch',
         variables=('constant',),
-        file=__file__,
         listed=lambda p, of: {'delta': -2.0 * p['d'] / of['wire.l0']},
         signed=('d',),
     ),

@@ -23,7 +23,6 @@ TRUTHS = (
         EFFECT,
         library='radiation',
         variables=('T',),
-        file=__file__,
         listed=lambda p, of: {'emissivity': 1.0 - p['reflectivity']},
     ),
 )

@@ -27,7 +27,6 @@ TRUTHS = (
         EFFECT,
         library='resistance_feedback',
         variables=('J', 'x', 'T'),
-        file=__file__,
         listed=lambda p, of: {
             'r': (p['rho_M'] - RHO_A) / (0.5 * (RHO_A + p['rho_M'])),
             'a': p['b'] / (0.5 * (RHO_A + p['rho_M'])),

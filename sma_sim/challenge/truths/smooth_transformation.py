@@ -23,7 +23,6 @@ TRUTHS = (
         EFFECT,
         library='smooth_transformation',
         variables=('x',),
-        file=__file__,
         listed=lambda p, of: {'width_A': p['a'], 'width_M': p['b']},
     ),
 )

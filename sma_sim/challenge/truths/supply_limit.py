@@ -20,7 +20,6 @@ TRUTHS = (
         EFFECT,
         library='driver_saturation',
         variables=('J',),
-        file=__file__,
         listed=lambda p, of: {'r': of['wire.n'] / p['P_max'], 'p': 2.0},
     ),
 )

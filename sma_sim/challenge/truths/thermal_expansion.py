@@ -23,7 +23,6 @@ TRUTHS = (
         EFFECT,
         library='thermal_expansion',
         variables=('T', 'x'),
-        file=__file__,
         listed=lambda p, of: {'a': p['a_A'], 'da': p['a_M'] - p['a_A'], 'T_ref': 298.0},
     ),
 )

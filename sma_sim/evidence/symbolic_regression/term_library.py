@@ -49,7 +49,7 @@ def of_variable(name: str, value: str, unit: str, variable: str, offset: str = '
         Term(f'{name}_step', f'0.5 * (1.0 + math.tanh{ratio})', '-', on, (at, width)),
         Term(f'{name}_bump', f'math.exp(-{ratio} ** 2)', '-', on, (at, width)),
         Term(f'{name}_well', f'{ratio} * math.exp(-{ratio} ** 2)', '-', on, (at, width)),
-        Term(f'{name}_draw', f'{ratio} / (1.0 + {ratio} ** 2) ** {{power}}', '-', on, (at, width, DECAY_POWER)),
+        Term(f'{name}_attraction', f'{ratio} / (1.0 + {ratio} ** 2) ** {{power}}', '-', on, (at, width, DECAY_POWER)),
         Term(
             f'{name}_wave',
             f'math.sin({{k}} * {value} + {{phase}})',
@@ -99,7 +99,7 @@ def heat_terms() -> tuple[Term, ...]:
         Term('reverting', 'max(0.0, -s.dx)', '1/s', ('dx',)),
         *of_time(),
         *(times(above, term) for term in of_time()),
-        averaged_term('slow_body', '(s.T - s.T_E)', 'K', ('T',), 'm.z - (s.T - s.T_E)'),
+        averaged_term('heat_reservoir', '(s.T - s.T_E)', 'K', ('T',), 'm.z - (s.T - s.T_E)'),
         averaged_term('slow_other', '(s.T_other - s.T_E)', 'K', ('T_other',), 'm.z'),
     )
 
@@ -111,17 +111,17 @@ def power_terms() -> tuple[Term, ...]:
     return (
         *(term for term in of_variable('J', 's.J', 'W', 'J') if term.name in ('J', 'J_square', 'J_cube', 'J_above')),
         Term(
-            'J_bent',
+            'J_soft_onset',
             's.J * math.tanh(s.J / {J_0})',
             'W',
             ('J',),
-            (ShapeParameter('J_0', 'W', 'width', 'J', description='power at which it bends'),),
+            (ShapeParameter('J_0', 'W', 'width', 'J', description='power above which it is proportional'),),
         ),
         times(command, Term('x', 's.x', '-', ('x',))),
         times(command, Term('x_square', 's.x ** 2', '-', ('x',))),
         times(command, Term('dT', 's.T - s.T_E', 'K', ('T',))),
         *(times(command, term) for term in of_time()),
-        averaged_term('tired_supply', 's.J', 'W^2', ('J',), 's.J * m.z'),
+        averaged_term('supply_sag', 's.J', 'W^2', ('J',), 's.J * m.z'),
     )
 
 
@@ -137,9 +137,9 @@ def strain_terms() -> tuple[Term, ...]:
         CONSTANT,
         *of_variable('T', 's.T', 'K', 'T', 's.T_E')[:8],
         *of_time(),
-        Term('worked', 'm.z', '-', ('dx', 'memory'), (), 'abs(s.dx)'),
-        Term('trained', '1.0 - math.exp(-m.z / {z_0})', '-', ('dx', 'memory'), (reach,), 'abs(s.dx)'),
-        Term('hot_time', 'm.z', 'K s', ('T', 'memory'), (threshold,), 'max(0.0, s.T - {T_0})', scale=100.0),
+        Term('accumulated_transformation', 'm.z', '-', ('dx', 'memory'), (), 'abs(s.dx)'),
+        Term('training', '1.0 - math.exp(-m.z / {z_0})', '-', ('dx', 'memory'), (reach,), 'abs(s.dx)'),
+        Term('thermal_exposure', 'm.z', 'K s', ('T', 'memory'), (threshold,), 'max(0.0, s.T - {T_0})', scale=100.0),
         Term('activated', 'm.z', 's', ('T', 'memory'), (scale,), 'math.exp((s.T - s.T_E - 30.0) / {T_w})', scale=10.0),
         averaged_term('slow_T', '(s.T - s.T_E)', 'K', ('T',), 'm.z'),
     )
@@ -202,7 +202,7 @@ def coordinate_terms(on: CoordinateVariable, wires: int) -> tuple[Term, ...]:
         *(shapes if on.guided else shapes[:6]),
         Term(f'{on.name}_saturating', f'math.tanh(s.{on.name} / {{width}})', '-', (on.name,), (width,)),
         *friction('hinge' if turns else 'slide', f's.{on.rate}', on.unit, on.name, scale),
-        Term('warmth', mean_temperature(wires), 'K', ('T',)),
+        Term('mean_temperature', mean_temperature(wires), 'K', ('T',)),
         *(gradient if on.guided else ()),
         *of_time(),
         *(times(value, term) for term in of_time() if on.guided),
@@ -215,8 +215,8 @@ def stiffness_terms(wires: int) -> tuple[Term, ...]:
     mean = mean_temperature(wires)
     return (
         Term('bending', 's.alpha ** 2', 'rad^2', ('alpha',)),
-        Term('warmth', mean, 'K', ('T',)),
-        averaged_term('slow_warmth', f'({mean})', 'K', ('T',), 'm.z'),
+        Term('mean_temperature', mean, 'K', ('T',)),
+        averaged_term('slow_mean_temperature', f'({mean})', 'K', ('T',), 'm.z'),
         *of_time(),
     )
 

@@ -13,7 +13,7 @@ MAX_COLUMNS = 8  # recordings of a table; more are in the figure only
 MAX_DEVIATION = 5.0  # standard errors, at the end of the colours
 FIGURE_WORDS = (
     'How far each recording is from all together, in standard errors, where one parameter at a time may have its own value '
-    'in every recording and the others are shared. Beyond 3 is seldom chance; empty: this recording does not determine it.'
+    'in every recording and the others are shared. Beyond 3 is rarely chance; empty: this recording does not determine it.'
 )
 NOTE = (
     'Value and standard error of its difference from all together; p: how likely so much spread is if all have the same '
