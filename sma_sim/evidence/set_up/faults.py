@@ -156,11 +156,16 @@ class Fault:
         """By recording, whose command it has."""
         return dict(zip(self.recordings, (*self.recordings[1:], *self.recordings[:1]), strict=True))
 
-    def with_holders(self, runs: Sequence[Run]) -> Iterator[tuple[Run, Run]]:
-        """Every run, and the one that has its command."""
+    def with_own_commands(self, runs: Sequence[Run], along: Sequence[str]) -> tuple[Run, ...]:
+        """Every run with its command, and fields that go along with that, from the one that has it."""
         by_name = {one.name: one for one in runs}
         holder = {other: name for name, other in self.has_command_of.items()}
-        return ((one, by_name[holder.get(one.name, one.name)]) for one in runs)
+        pairs = [(one, by_name[holder.get(one.name, one.name)]) for one in runs]
+        fields = [{name: getattr(other, name) for name in along} for _, other in pairs]
+        return tuple(
+            replace(one, source=with_command(one.source, other.source), **own)
+            for (one, other), own in zip(pairs, fields, strict=True)
+        )
 
     def in_recordings(self, recordings: Sequence[Recording]) -> tuple[Recording, ...]:
         """All recordings without it: outliers are missing samples then; noise is of a dataset."""
@@ -168,30 +173,13 @@ class Fault:
             return tuple(recordings)
         if self.kind != 'exchanged_commands':
             return tuple(map(self.in_recording, recordings))
-        return tuple(
-            replace(
-                one,
-                source=with_command(one.source, other.source),
-                exact_commands=other.exact_commands,
-                known_changes=other.known_changes,
-            )
-            for one, other in self.with_holders(recordings)
-        )
+        return self.with_own_commands(recordings, ('exact_commands', 'known_changes'))
 
     def in_runs(self, runs: Sequence[FitData]) -> tuple[FitData, ...]:
         """All runs of a fit without it; outliers of all samples."""
         if self.kind != 'exchanged_commands':
             return tuple(map(self.in_run, runs))
-        return tuple(
-            replace(
-                one,
-                source=with_command(one.source, other.source),
-                changed=other.changed,
-                interval=other.interval,
-                group=other.group,
-            )
-            for one, other in self.with_holders(runs)
-        )
+        return self.with_own_commands(runs, ('changed', 'interval', 'group'))
 
     def in_recording(self, recording: Recording) -> Recording:
         """A recording without a fault of its own columns."""

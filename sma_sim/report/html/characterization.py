@@ -232,14 +232,14 @@ def phase_diagram(found: Characterization, config: Config) -> Any:
         points = [(test.measured.temperatures[k], test.measured.stress) for test in found.isobaric]
         lines = [(test.model.temperatures[k], test.model.stress) for test in found.isobaric if test.model is not None]
         if points:
-            add_points(figure, points, name, TEMPERATURE_COLOURS[name], 'circle')
-            add_line(figure, lines, name, TEMPERATURE_COLOURS[name], 'solid')
+            add_states(figure, points, name, **marks(TEMPERATURE_COLOURS[name], 'circle'))
+            add_states(figure, lines, name, **line(TEMPERATURE_COLOURS[name], 'solid'))
     for name, colour, value in (('loading', BLUE, 0), ('unloading', RED, 1)):
         points = [
             (test.measured.temperature, (test.measured.loading, test.measured.unloading)[value]) for test in found.isothermal
         ]
         if points:
-            add_points(figure, points, f'plateau, {name}', colour, 'square-open')
+            add_states(figure, points, f'plateau, {name}', **marks(colour, 'square-open'))
     add_transformation_stresses(figure, found, config)
     figure.update_xaxes(title_text='temperature [deg C]')
     figure.update_yaxes(title_text='stress [MPa]', rangemode='tozero')
@@ -257,34 +257,25 @@ def add_transformation_stresses(figure: Any, found: Characterization, config: Co
             p['wire.T0'] + (stress - p['wire.sigma_MW0'] - part * p['wire.dsigma']) / p['wire.sigma_T']
             for stress in (0.0, top)
         ]
-        add_line(figure, list(zip(ends, (0.0, top), strict=True)), name, colour, 'dot')
+        add_states(figure, list(zip(ends, (0.0, top), strict=True)), name, **line(colour, 'dot'))
 
 
-def add_points(figure: Any, points: Sequence[tuple[float, float]], name: str, colour: str, symbol: str) -> None:
-    """Measured points (temperature [K], stress [Pa])."""
-    figure.add_scatter(
-        x=[T - 273.15 for T, _ in points],
-        y=[1e-6 * stress for _, stress in points],
-        mode='markers',
-        name=name,
-        legendgroup=name,
-        marker={'color': colour, 'size': 9, 'symbol': symbol},
-        hovertemplate='%{y:.4g} MPa at %{x:.1f} deg C',
-    )
+def add_states(figure: Any, states: Sequence[tuple[float, float]], name: str, **drawn: Any) -> None:
+    """States (temperature [K], stress [Pa]), as marks of what was measured or as a line of the model."""
+    T, stress = [T - 273.15 for T, _ in states], [1e-6 * stress for _, stress in states]
+    figure.add_scatter(x=T, y=stress, name=name, legendgroup=name, **drawn)
 
 
-def add_line(figure: Any, points: Sequence[tuple[float, float]], name: str, colour: str, dash: str) -> None:
-    """A line of the model through points (temperature [K], stress [Pa])."""
-    figure.add_scatter(
-        x=[T - 273.15 for T, _ in points],
-        y=[1e-6 * stress for _, stress in points],
-        mode='lines',
-        name=name,
-        legendgroup=name,
-        showlegend=dash == 'dot',
-        line={'color': colour, 'width': 1.4, 'dash': dash},
-        hoverinfo='skip',
-    )
+def marks(colour: str, symbol: str) -> dict[str, Any]:
+    """How measured states are drawn."""
+    marker = {'color': colour, 'size': 9, 'symbol': symbol}
+    return {'mode': 'markers', 'marker': marker, 'hovertemplate': '%{y:.4g} MPa at %{x:.1f} deg C'}
+
+
+def line(colour: str, dash: str) -> dict[str, Any]:
+    """How states of the model are drawn."""
+    look = {'color': colour, 'width': 1.4, 'dash': dash}
+    return {'mode': 'lines', 'line': look, 'showlegend': dash == 'dot', 'hoverinfo': 'skip'}
 
 
 def over_stress(tests: Sequence[EvaluatedTest[IsobaricTest]], value: Callable[[IsobaricTest], float], label: str) -> Any:
