@@ -25,6 +25,7 @@ from sma_sim.evidence.estimation import problem as problem_module
 from sma_sim.evidence.estimation.calibrate import FitOptions, final_fit, problem_for
 from sma_sim.evidence.estimation.problem import start_point
 from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.model_selection import score_tests
 from sma_sim.evidence.model_selection.candidates import candidates_for, with_effect
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 from sma_sim.evidence.model_selection.refit import at_finite_step, refit
@@ -134,13 +135,31 @@ def test_sketches_that_cannot_come_below_others_are_given_up(with_gravity, monke
 
 def test_a_second_look_begins_some_way_from_nothing():
     by_name = {one.name: one for one in candidates_for(config())}
-    step = by_name['thermal_crosstalk'].families[0][0]
+    step = by_name['thermal_crosstalk'].families[1][0]  # of three sizes
     faint = ScreeningResult(by_name['thermal_crosstalk'], 1.4, {step.parameter: 1e-6})
     for screened in (None, faint):
         assert at_finite_step(faint.candidate, screened).values == {step.parameter: step.step}
     down = {'g_y': -30.0, 'g_x': -1e-3}
     started = at_finite_step(by_name['gravity'], ScreeningResult(by_name['gravity'], 5.0, down))
     assert started.values['g_y'] == -30.0 and started.values['g_x'] < -1.0 and started.gain == 5.0
+
+
+def test_a_score_test_sees_what_a_delay_leaves_of_a_lag(monkeypatch):
+    """Linear in a lag is what the fitted delay absorbs: from the middle of the realistic range little seems to be left."""
+    monkeypatch.setattr(score_tests, 'nearer_probes', lambda result: ())
+    nominal = config('mas')
+    found = next(one for one in candidates_for(nominal) if one.name == 'driver_lag')
+    middle = replace(found, families=found.families[len(found.families) // 2 :][:1])
+    truth = with_effect(nominal, found.found, {'tau': 0.03})
+    runs = [recording(truth, command(seed, 40.0), 20.0, 1.0, seed=seed, channels=('alpha', 'U_y')) for seed in (1, 2)]
+    noise = {name: NOISE[name] for name in ('alpha', 'U_y')}
+    problem = problem_for(Dataset(tuple(runs), noise), nominal, FitOptions(free=('wire.sigma_T',)), 1)
+    with ThreadPoolExecutor(2) as pool:
+        fit = refit(problem, start_point(problem), SearchContext(pool, Event()))
+        assert fit is not None
+        gains = [screen(fit.problem, fit.z, [one], pool) for one in (middle, found)]
+    of_middle, of_all = (max((one.gain for one in gain), default=0.0) for gain in gains)
+    assert of_all > 20.0 and of_all > 2.0 * of_middle
 
 
 def test_a_score_test_probes_a_weak_effect_at_its_own_strength():

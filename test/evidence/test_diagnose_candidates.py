@@ -41,12 +41,17 @@ def test_candidates():
 
 
 def test_shapes_are_probed_one_at_a_time():
-    """Four shapes at three values each: the centre and the two others of each, not all 81 combinations."""
+    """Four shapes at three values each: the centre and the two others of each, not all 81 combinations; strengths whose
+    range does not begin at neutral at three sizes, in the centre."""
     by_name = {candidate.name: candidate for candidate in candidates_for(Config())}
     for name, count in (('smooth_transformation', 9), ('r_phase', 5), ('beam_creep', 3), ('gravity', 1)):
-        shapes = [dict(family[0].shape) for family in by_name[name].families]
+        families = by_name[name].families
+        shapes = [dict(family[0].shape) for family in families]
         centre = shapes[len(shapes) // 2]
-        assert len(shapes) == count and len({tuple(shape.items()) for shape in shapes}) == count
+        assert len({tuple(shape.items()) for shape in shapes}) == count
+        of_centre = [[probe.step for probe in family] for family in families if family[0].shape == centre]
+        assert len(families) - len(of_centre) == count - 1
+        assert of_centre == sorted(of_centre) and len(of_centre) == (1 if name == 'gravity' else 3)
         assert all(sum(shape[key] != centre[key] for key in centre) <= 1 for shape in shapes)
 
 

@@ -14,6 +14,8 @@ from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, find_effe
 from sma_sim.model.effects.meaning import is_tried
 from sma_sim.model.parameters import Parameter
 
+MIDDLE = 0.5  # of a realistic range
+
 
 @dataclass(frozen=True)
 class Probe:
@@ -27,7 +29,8 @@ class Probe:
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect to try. `families` hold the probes that share a shape: all strengths, up and down."""
+    """An effect to try. `families` hold the probes that share a shape: all strengths, up and down; all is in the middle in
+    the middle one."""
 
     found: FoundEffect
     families: tuple[tuple[Probe, ...], ...]
@@ -64,12 +67,17 @@ def candidate_of(found: FoundEffect, every_shape: bool = False) -> Candidate:
 def candidate_at(
     found: FoundEffect, shapes: Iterable[Mapping[str, float]], probed: Iterable[Parameter] | None = None
 ) -> Candidate:
-    """The probes of one effect, a family for each set of values of its shapes; of the parameters `probed` (default: all)."""
+    """The probes of one effect, a family for each set of values of its shapes; of the parameters `probed` (default: all).
+
+    With the shapes in the middle there is a family for each size of the strengths: what a fitted delay absorbs of a lag is
+    linear in it, and what it leaves is not.
+    """
     strengths = [p for p in (found.effect.parameters if probed is None else probed) if p.neutral is not None]
-    families = [
-        tuple(Probe(p.name, float(p.neutral or 0.0), step, shape) for p in strengths for step in steps_of(p))
-        for shape in shapes
-    ]
+    every, families = list(shapes), list[tuple[Probe, ...]]()
+    for k, shape in enumerate(every):
+        fractions = CRITERIA.shape_fractions if k == len(every) // 2 else (MIDDLE,)
+        sizes = dict.fromkeys(tuple((p, step) for p in strengths for step in steps_of(p, part)) for part in fractions)
+        families += [tuple(Probe(p.name, float(p.neutral or 0.0), step, shape) for p, step in size) for size in sizes]
     return Candidate(found, tuple(family for family in families if family))
 
 
@@ -107,17 +115,18 @@ def shape_values(parameter: Parameter) -> list[float]:
     return [interpolated(*parameter.realistic, fraction) for fraction in CRITERIA.shape_fractions]
 
 
-def steps_of(parameter: Parameter) -> list[float]:
-    """Finite steps from the neutral value, up and down as far as the realistic range goes."""
+def steps_of(parameter: Parameter, fraction: float) -> list[float]:
+    """Finite steps from the neutral value, up and down as far as the realistic range goes; to a `fraction` of a range that
+    does not begin there."""
     neutral = float(parameter.neutral or 0.0)
     low, high = parameter.realistic or parameter.bounds
     if parameter.realistic is None:
         step = parameter.default - neutral
         return [step] if step else []
     if low > neutral:
-        return [interpolated(low - neutral, high - neutral, 0.5)]
+        return [interpolated(low - neutral, high - neutral, fraction)]
     if high < neutral:
-        return [-interpolated(neutral - high, neutral - low, 0.5)]
+        return [-interpolated(neutral - high, neutral - low, fraction)]
     return [CRITERIA.probe_fraction * (end - neutral) for end in (high, low) if end != neutral]
 
 

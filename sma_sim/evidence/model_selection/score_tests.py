@@ -81,7 +81,8 @@ def score_test(
 def nearer_probes(result: ScreeningResult) -> tuple[Probe, ...]:
     """Probes at the strengths that a test has found, where these are far less than those that it probed: what is linear
     there need not be linear as far as that."""
-    probes = {probe.parameter: probe for family in result.candidate.families for probe in family}
+    families = sorted(result.candidate.families, key=lambda family: -abs(family[0].step))
+    probes = {probe.parameter: probe for family in families for probe in family}  # the least of each strength
     shape = {name: value for name, value in result.values.items() if name not in probes}
     steps = {name: result.values[name] - probe.neutral for name, probe in probes.items() if name in result.values}
     if any(abs(step) > WEAK * abs(probes[name].step) for name, step in steps.items()):
