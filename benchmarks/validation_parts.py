@@ -551,12 +551,12 @@ PARTS = (
     Part(
         'set_up_faults',
         'Faults of the set-up',
-        minutes=5,
-        command=cases('set_up_faults', '--set-up-only'),
+        minutes=25,
+        command=cases('set_up_faults'),
         text='A sign, exchanged columns or commands, a unit, a noise that is stated wrong, outliers; in all recordings or '
         'in one, of robots that hide nothing and of robots that hide an effect '
         '([what is said](../../how-to/diagnose-your-robot.md#when-something-is-wrong-with-the-recordings)). '
-        'What follows is the search for physics in recordings as they were before; without `--set-up-only` it is run.',
+        'Where the set-up stays uncertain, no effect is searched for.',
         subject=DIAGNOSIS,
         table=joined(set_up_rows),
         resumable=True,
