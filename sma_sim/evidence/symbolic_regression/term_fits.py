@@ -28,7 +28,6 @@ from sma_sim.evidence.symbolic_regression.terms import Term
 from sma_sim.evidence.symbolic_regression.universal_term import universal_term
 from sma_sim.evidence.symbolic_regression.visited_states import (
     VisitedStates,
-    sensed_states,
     term_values,
     visited_states,
 )
@@ -84,11 +83,11 @@ class LinearizedFit:
     def ranges(self, location: Location) -> VisitedRanges:
         """What the grids at a location are made of."""
         length = max(float(run.time[-1]) for run in self._problem.runs)
-        return VisitedRanges(visited_states(location, self._problem, self._z), length, self._frequencies)
+        return VisitedRanges(self.visited(location), length, self._frequencies)
 
-    def sensed(self, location: Location) -> list[VisitedStates]:
-        """What a sensor sees at every sample."""
-        return sensed_states(location, self._problem, self._z, every_sample=True)
+    def visited(self, location: Location, every_sample: bool = False) -> list[VisitedStates]:
+        """The states that kernels at a location see along the runs."""
+        return visited_states(location, self._problem, self._z, every_sample)
 
     @property
     def locations(self) -> tuple[Location, ...]:
@@ -163,7 +162,7 @@ def responses_at(linearized: LinearizedFit, location: Location, trials: Sequence
     if location.hook != 'sensing':
         return by_combination(simulated, along)
     channels = [len(run.residuals) for run in linearized.linear]
-    return by_product(simulated, along, columns_of(trials, linearized.sensed(location), channels))
+    return by_product(simulated, along, columns_of(trials, linearized.visited(location, every_sample=True), channels))
 
 
 def columns_of(

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, cached_property
+from itertools import product
 from types import CodeType, SimpleNamespace
 from typing import Any
 
@@ -47,15 +48,30 @@ class VisitedStates:
         return [SimpleNamespace(**dict(zip(names, row, strict=True))) for row in rows]
 
 
-def visited_by_wire(problem: Problem, z: Vector, wire: int = 0, every_sample: bool = False) -> list[VisitedStates]:
-    """All runs of a problem at z, as one wire sees them; at some of their samples, or at every one."""
+def visited_states(location: Location, problem: Problem, z: Vector, every_sample: bool = False) -> list[VisitedStates]:
+    """All runs of a problem at z as the kernels at a location see them, every wire where it acts in each; at some of their
+    samples, or at every one."""
     config, visited = problem.fitted(z), []
-    for run, indices in zip(problem.runs, problem.indices(), strict=True):
-        columns = model_columns(config, run, problem.nuisance(run, z[indices]))
-        every = 1 if every_sample else max(1, len(run.time) // MAX_STATES_PER_RUN)
-        fields = kernel_fields(run.time, columns, config, wire)
+    pairs = zip(problem.runs, problem.indices(), strict=True)
+    runs = [(run.time, model_columns(config, run, problem.nuisance(run, z[indices]))) for run, indices in pairs]
+    for wire, (time, columns) in product(wires_of_kernels(location, config.structure.structure.wires), runs):
+        fields = kernel_fields(time, columns, config, wire)
+        if location.hook == 'sensing':
+            fields |= sensor_fields(location, fields, config)
+        every = 1 if every_sample else max(1, len(time) // MAX_STATES_PER_RUN)
         visited.append(VisitedStates(wire, {name: values[::every] for name, values in fields.items()}))
     return visited
+
+
+def wires_of_kernels(location: Location, wires: int) -> Sequence[int]:
+    """The wires, from 0 on, with which kernels at a location are called; of a sensor the one whose force or temperature it
+    shows, or the first."""
+    if location.hook == 'sensing':
+        letter, _, number = location.variable.partition('_')
+        return (int(number) - 1 if letter in ('F', 'T') and number.isdigit() else 0,)
+    if location.hook == 'structure_force':
+        return (wires - 1,)
+    return range(wires) if location.component == EVERY_WIRE else (location.component,)
 
 
 def kernel_fields(time: Vector, columns: Mapping[str, Vector], config: Config, wire: int) -> dict[str, Vector]:
@@ -81,41 +97,15 @@ def kernel_fields(time: Vector, columns: Mapping[str, Vector], config: Config, w
     return fields | {f'd{name}': np.gradient(fields[name], time) for name in ('x', 'eps')}
 
 
-def sensed_states(location: Location, problem: Problem, z: Vector, every_sample: bool = False) -> list[VisitedStates]:
-    """The runs as the kernels of a sensor see them."""
-    return [
-        VisitedStates(states.wire, {**states.fields, **sensor_fields(location, states, problem)})
-        for states in visited_by_wire(problem, z, wire_of_channel(location.variable), every_sample)
-    ]
-
-
-def visited_states(location: Location, problem: Problem, z: Vector) -> list[VisitedStates]:
-    """The runs as the kernels at a location see them; every wire where it acts in each."""
-    wires = problem.config.structure.structure.wires
-    if location.hook == 'sensing':
-        return sensed_states(location, problem, z)
-    if location.hook == 'structure_force':
-        return visited_by_wire(problem, z, wires - 1)  # as the effects of a structure are called
-    chosen = range(wires) if location.component == EVERY_WIRE else (location.component,)
-    return [states for wire in chosen for states in visited_by_wire(problem, z, wire)]
-
-
-def wire_of_channel(channel: str) -> int:
-    """The wire, from 0 on, whose force or temperature a channel shows; the first for what is of no wire."""
-    letter, _, number = channel.partition('_')
-    return int(number) - 1 if letter in ('F', 'T') and number.isdigit() else 0
-
-
-def sensor_fields(location: Location, states: VisitedStates, problem: Problem) -> dict[str, Vector]:
+def sensor_fields(location: Location, fields: Mapping[str, Vector], config: Config) -> dict[str, Vector]:
     """What a sensor's effects see: the value of the channel, and its number."""
-    fields, w, channel = states.fields, wire_constants(problem.config.parameters), location.variable
-    structure = problem.config.structure.structure
+    structure, channel = config.structure.structure, location.variable
     if channel in structure.coordinate_names:
         value = fields[coordinate_fields(structure)[channel][0]]
     elif channel.startswith('T'):
         value = fields['T']
     else:
-        value = fields['sigma'] if channel == 'stress' else w.n * fields['F']
+        value = fields['sigma'] if channel == 'stress' else wire_constants(config.parameters).n * fields['F']
     return {'value': value, 'channel': np.full_like(value, location.component)}
 
 
