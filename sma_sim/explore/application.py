@@ -102,21 +102,18 @@ class Application:
     def curves(self, body: Body) -> Reply:
         """Curves of the current version with `values` and `effects` changed, or of `version`, and beside it `beside`."""
         numbers, window, pixels = Numbers(), window_in(body), pixels_in(body)
-        shown = curves_data(self.run(self.config_in(body)), window, pixels, numbers)
-        beside = body.get('beside')
-        other = None
-        if beside is not None:
-            other = curves_data(self.run(self.session.config(as_int(beside, 'beside'))), window, pixels, numbers)
-        return numbers.message({'shown': shown, 'beside': other})
+        return numbers.message(self.with_beside(body, lambda run: curves_data(run, window, pixels, numbers)))
 
     def frames(self, body: Body) -> Reply:
         """The structure as it moves."""
-        numbers, beside = Numbers(), body.get('beside')
-        shown = frames_data(self.run(self.config_in(body)), numbers)
-        other = None
-        if beside is not None:
-            other = frames_data(self.run(self.session.config(as_int(beside, 'beside'))), numbers)
-        return numbers.message({'shown': shown, 'beside': other})
+        numbers = Numbers()
+        return numbers.message(self.with_beside(body, lambda run: frames_data(run, numbers)))
+
+    def with_beside(self, body: Body, data_of: Callable[[ShownRun], Any]) -> dict[str, Any]:
+        """The data of the run that a request is about, and of that of the version `beside` it, where one is named."""
+        shown, beside = data_of(self.run(self.config_in(body))), body.get('beside')
+        other = None if beside is None else data_of(self.run(self.session.config(as_int(beside, 'beside'))))
+        return {'shown': shown, 'beside': other}
 
     def change(self, body: Body) -> Reply:
         """A new version."""

@@ -47,11 +47,12 @@ def package_plugins(package: ModuleType, attribute: str, group: str) -> Iterator
         yield Plugin(value, files, (*OWN, point.module.split('.')[0]))
 
 
-def user_plugins(folder: Path, parameter: str, attribute: str, error: type[UserError]) -> Iterator[Plugin]:
-    """What the files in a folder that a `parameter` names declare as `attribute`. Importing the files runs them.
+def user_plugins(folder: Path, parameter: str, kind: type, error: type[UserError]) -> Iterator[Plugin]:
+    """What the files in a folder that a `parameter` names declare of a kind: an `Effect` as ``EFFECT``. Importing runs them.
 
     Raises `error` with what is wrong.
     """
+    attribute = kind.__name__.upper()
     if not folder.is_dir():
         raise error(f'{parameter}: {folder} is not a folder')
     files = tuple(sorted(folder.rglob('*.py')))
@@ -63,8 +64,11 @@ def user_plugins(folder: Path, parameter: str, attribute: str, error: type[UserE
             del sys.modules[stem]
     for file in sorted(folder.glob('*.py')):
         value = getattr(load_file(file, package, error), attribute, None)
-        if value is not None:
-            yield Plugin(value, files, (*OWN, USER_PACKAGE, *stems), file)
+        if value is None:
+            continue
+        if not isinstance(value, kind):
+            raise error(f'{file}: {attribute} must be an sma_sim.{kind.__name__}, got {type(value).__name__}')
+        yield Plugin(value, files, (*OWN, USER_PACKAGE, *stems), file)
 
 
 def is_below_one(folders: Iterable[Path], module: ModuleType | None) -> bool:

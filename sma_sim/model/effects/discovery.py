@@ -122,10 +122,8 @@ def find_effects(folders: str | Path | Iterable[str | Path] = ()) -> dict[str, F
     """
     found = dict(package_effects())
     for folder in as_folders('effects.paths', folders):
-        for plugin in user_plugins(folder, 'effects.paths', 'EFFECT', EffectError):
+        for plugin in user_plugins(folder, 'effects.paths', Effect, EffectError):
             effect = plugin.value
-            if not isinstance(effect, Effect):
-                raise EffectError(f'{plugin.file}: EFFECT must be an sma_sim.Effect, got {type(effect).__name__}')
             if effect.name in found:
                 raise EffectError(f'{plugin.file}: an effect named {effect.name!r} exists already; choose another name')
             found[effect.name] = FoundEffect(effect, plugin.files, plugin.packages)

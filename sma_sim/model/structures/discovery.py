@@ -99,13 +99,8 @@ def find_structures(folders: str | Path | Iterable[str | Path] = ()) -> dict[str
     """
     found = dict(package_structures())
     for folder in as_folders('structures.paths', folders):
-        for plugin in user_plugins(folder, 'structures.paths', 'STRUCTURE', StructureError):
-            structure = plugin.value
-            if not isinstance(structure, Structure):
-                raise StructureError(
-                    f'{plugin.file}: STRUCTURE must be an sma_sim.Structure, got {type(structure).__name__}'
-                )
-            for variant in structure.family_members:
+        for plugin in user_plugins(folder, 'structures.paths', Structure, StructureError):
+            for variant in plugin.value.family_members:
                 if variant.name in found:
                     raise StructureError(
                         f'{plugin.file}: a structure named {variant.name!r} exists already; choose another name'
