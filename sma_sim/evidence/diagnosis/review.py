@@ -46,10 +46,6 @@ class DiagnosisReview:
         """How well the user's model does, by channel."""
         return list(channel_scores(self.given.part(held_out), self.given.channels).values())
 
-    def given_run(self, name: str) -> ComparedRun:
-        """A recording beside the user's model."""
-        return next(run for run in self.given.runs if run.name == name)
-
 
 def reviewed(diagnosis: Diagnosis, dataset: Dataset, held_out: Dataset | None, given: Config) -> DiagnosisReview:
     """Evaluate a diagnosis on the recordings that it was made with, from the model as it was `given`.

@@ -52,12 +52,9 @@ def promises(problem: Problem, z: Vector, context: SearchContext) -> list[Promis
     found = [
         Promise(difference, gain(responses, linear, project))
         for difference, responses in responses_at(problem, z, linear, context)
-        if difference.words not in known
     ]
-    for side in (1, -1):
-        lost = unpowered_side(problem, z, linear, side, context)
-        found += [lost] if lost is not None and lost.difference.words not in known else []
-    return found
+    lost = [unpowered_side(problem, z, linear, side, context) for side in (1, -1)]
+    return [one for one in (*found, *lost) if one is not None and one.difference.words not in known]
 
 
 def responses_at(

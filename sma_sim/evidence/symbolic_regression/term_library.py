@@ -78,9 +78,9 @@ def of_time() -> tuple[Term, ...]:
     )
 
 
-def averaged_term(name: str, value: str, unit: str, variables: tuple[str, ...], expression: str, start: str = '0.0') -> Term:
+def averaged_term(name: str, value: str, unit: str, variables: tuple[str, ...], expression: str) -> Term:
     """A term `expression` that reads ``m.z``, the slow first-order average of `value`."""
-    return Term(name, expression, unit, (*variables, 'memory'), (TIME_CONSTANT,), f'({value} - m.z) / {{tau}}', start, 10.0)
+    return Term(name, expression, unit, (*variables, 'memory'), (TIME_CONSTANT,), f'({value} - m.z) / {{tau}}', scale=10.0)
 
 
 @cache

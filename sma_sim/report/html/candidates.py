@@ -24,7 +24,8 @@ def selection_section(number: int, step: SelectionStep, review: DiagnosisReview)
     blocks: list[Block] = [Paragraph(outcome(step), 'lead')]
     if accepted is not None and accepted.name in review.changes:
         changed = review.changes[accepted.name]
-        blocks += [change_plot(changed, review.given_run(changed.before.name)), Grid(range_plots(accepted))]
+        given = next(run for run in review.given.runs if run.name == changed.before.name)
+        blocks += [change_plot(changed, given), Grid(range_plots(accepted))]
     if step.candidate_fits:
         blocks += candidate_blocks(step, diagnosis.held_out_ratio if number == 1 else {})
     if accepted is not None:
