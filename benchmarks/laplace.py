@@ -13,7 +13,8 @@ bounds.
 
 Nested sampling of a posterior that is a thousand times narrower than its prior takes most of its time to find it. So it
 draws from a density q with heavy tails about the optimum (Student's t with DEGREES degrees of freedom, WIDTH times as wide
-as the posterior) and weighs by prior over q, which leaves the integral as it is; other optima lie in the tails.
+as the posterior) and weighs by prior over q, which leaves the integral as it is; other optima lie in the tails. New points
+come from random walks, whose number of model runs does not depend on the shape of the posterior.
 
 Asked is |difference of log odds| at most 1 in 95 % of pairs. Finished pairs are kept in --file.
 """
@@ -172,7 +173,7 @@ def nested(
         return -0.5 * squares / k**2 + log_prior - log_q
 
     sampler = dynesty.NestedSampler(
-        log_likelihood, point, len(z), nlive=live, bound='multi', sample='unif', rstate=np.random.default_rng(seed)
+        log_likelihood, point, len(z), nlive=live, bound='multi', sample='rwalk', rstate=np.random.default_rng(seed)
     )
     sampler.run_nested(dlogz=0.05, print_progress=False)
     return float(sampler.results.logz[-1]), float(sampler.results.logzerr[-1]), calls[0]
