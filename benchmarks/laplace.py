@@ -121,7 +121,7 @@ def fit_without(dataset: Dataset, nominal: Config, context: SearchContext) -> Fi
 
 def fit_with(base: FitResult, candidate: Candidate, context: SearchContext) -> FitResult:
     """The model with the effect: the best of the fits from a finite step, to either side, and from its defaults."""
-    start = at_finite_step(candidate, None)
+    start = at_finite_step(candidate)
     turned = {
         p.parameter: 2.0 * p.neutral - start.values[p.parameter]
         for p in candidate.families[0]

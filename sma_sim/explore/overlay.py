@@ -123,7 +123,7 @@ class Overlay:
             self._near = data, job.nuisances(config)
             return self._near[1], True
         if self._near is None or self._near[0] != data:
-            job = engine.last_with('compare', 'curves')
+            job = engine.last_comparison()
             if job is None:
                 raise UserError('compare the model with the recordings first')
             self._near = data, job.nuisances(config)

@@ -76,11 +76,11 @@ class Engine:
                 return job
         return None
 
-    def last_with(self, stage: str, file: str) -> Job | None:
-        """The last job of a stage, of any version, on the recordings as they are, that has written a file (`Job.files`)."""
+    def last_comparison(self) -> Job | None:
+        """The last job that has compared a version, whichever, with the recordings as they are."""
         data = self.data()
-        found = (job for job in reversed(self.jobs) if job.stage == stage and job.data == data and file in job.files)
-        return next(found, None)
+        compared = (job for job in reversed(self.jobs) if job.stage == 'compare' and job.data == data)
+        return next((job for job in compared if 'curves' in job.files), None)
 
     def data(self) -> str:
         """What tells whether the recordings are still the same; empty without any."""

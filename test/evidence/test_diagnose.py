@@ -29,7 +29,7 @@ from sma_sim.evidence.model_selection import score_tests
 from sma_sim.evidence.model_selection.candidates import candidates_for, with_effect
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 from sma_sim.evidence.model_selection.refit import at_finite_step, refit
-from sma_sim.evidence.model_selection.score_tests import ScreeningResult, screen
+from sma_sim.evidence.model_selection.score_tests import screen
 from sma_sim.evidence.model_selection.sketches import sketched, with_candidate
 from sma_sim.report.error_reduction_figure import draw_error_reduction
 from sma_sim.report.html.diagnosis_page import reduction_figure, write_diagnosis_page
@@ -134,14 +134,12 @@ def test_sketches_that_cannot_come_below_others_are_given_up(with_gravity, monke
 
 
 def test_a_second_look_begins_some_way_from_nothing():
+    """In every strength, on the first side that is probed."""
     by_name = {one.name: one for one in candidates_for(config())}
     step = by_name['thermal_crosstalk'].families[1][0]  # of three sizes
-    faint = ScreeningResult(by_name['thermal_crosstalk'], 1.4, {step.parameter: 1e-6})
-    for screened in (None, faint):
-        assert at_finite_step(faint.candidate, screened).values == {step.parameter: step.step}
-    down = {'g_y': -30.0, 'g_x': -1e-3}
-    started = at_finite_step(by_name['gravity'], ScreeningResult(by_name['gravity'], 5.0, down))
-    assert started.values['g_y'] == -30.0 and started.values['g_x'] < -1.0 and started.gain == 5.0
+    assert at_finite_step(by_name['thermal_crosstalk']).values == {step.parameter: step.step}
+    gravity = by_name['gravity'].families[0]
+    assert at_finite_step(by_name['gravity']).values == {probe.parameter: probe.step for probe in gravity[::-1]}
 
 
 def test_a_score_test_sees_what_a_delay_leaves_of_a_lag(monkeypatch):

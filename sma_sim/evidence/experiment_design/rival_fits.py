@@ -150,7 +150,7 @@ def fit_with_effects(base: FitResult, effects: Sequence[str], context: SearchCon
 def screen_candidate(fitted: FitResult, candidate: Candidate, context: SearchContext) -> ScreeningResult:
     """The score test of one effect; its first probe where the recordings do not see it."""
     screened = screen(fitted.problem, fitted.z, [candidate], context.pool)
-    return screened[0] if screened else at_finite_step(candidate, None)
+    return screened[0] if screened else at_finite_step(candidate)
 
 
 def leading_rivals(base: FitResult, context: SearchContext) -> list[NamedFit]:

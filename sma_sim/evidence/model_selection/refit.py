@@ -40,15 +40,13 @@ def refit(
         return None
 
 
-def at_finite_step(candidate: Candidate, screened: ScreeningResult | None) -> ScreeningResult:
-    """A candidate with its strengths at least a probe's step from neutral, on the side that the screening found, if any."""
+def at_finite_step(candidate: Candidate) -> ScreeningResult:
+    """A candidate with its strengths a probe's step from neutral."""
     family = candidate.families[len(candidate.families) // 2]
-    values = dict(family[0].shape) | (dict(screened.values) if screened else {})
+    values = dict(family[0].shape)
     for probe in family:
-        away = values.get(probe.parameter, probe.neutral) - probe.neutral
-        if away == 0.0 or (away * probe.step > 0.0 and abs(away) < abs(probe.step)):
-            values[probe.parameter] = probe.neutral + probe.step
-    return ScreeningResult(candidate, screened.gain if screened else 0.0, values)
+        values.setdefault(probe.parameter, probe.neutral + probe.step)
+    return ScreeningResult(candidate, 0.0, values)
 
 
 def is_plausible_fit(fit: FitResult, found: FoundEffect) -> bool:

@@ -54,7 +54,7 @@ def stepped(
 ) -> list[Component]:
     """Components a finite step away from neutral, of those that a score test has passed over."""
     return [
-        catalogue.component(at_finite_step(one, None)) for one in candidates
+        catalogue.component(at_finite_step(one)) for one in candidates
         if one.name not in tried and one.found.effect.plain_name not in taken
     ]  # fmt: skip
 
