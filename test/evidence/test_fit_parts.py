@@ -112,6 +112,9 @@ def test_longer_runs_may_take_more_steps_and_chosen_models_more_again():
     short, long = (module_input([0.0, 1.0, end], [0.0, 1.0, 1.0]) for end in (2.0, 102.0))
     assert step_limit(long, True) - step_limit(short, True) == 20 * 100
     assert step_limit(long, False) == 20 * step_limit(long, True)
+    slow = module_input([0.0, 1.0, 5002.0], [0.0, 1.0, 1.0])
+    assert step_limit(slow, True, samples=5000) == step_limit(slow, True) == step_limit(short, True) + 20 * 5000
+    assert step_limit(slow, True, samples=80) == step_limit(short, True) + 20 * 158  # one sample each minute
 
 
 def test_workers_of_an_executor(monkeypatch):

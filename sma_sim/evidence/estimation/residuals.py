@@ -17,6 +17,7 @@ from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import known_structures
+from sma_sim.model.unit_mismatch import SLOW_STEP
 from sma_sim.solver.clock import seen_at
 from sma_sim.solver.effect_table import channel_scales
 from sma_sim.solver.inputs import Input, inputs_at
@@ -287,13 +288,14 @@ def held_until(source: Input, last: float) -> Input:
     return Input(np.append(source.times, last), np.vstack([source.values, source.values[-1:]]), source.linear, source.names)
 
 
-def step_limit(source: Input, step_limited: bool, rows: int = 0) -> int:
+def step_limit(source: Input, step_limited: bool, rows: int = 0, samples: float = inf) -> int:
     """Of the solver in one run, six times what is usual or more: else few hopeless points take most of a search's time.
 
-    `rows`: of the source, if not as it is.
+    `rows`: of the source, if not as it is; `samples`: how many are compared. Seconds count as far as somebody looked: what
+    rings between samples that are slower than a wire is not seen.
     """
-    rows = rows or len(source.times)
-    most = MAX_STEPS + int(STEPS_PER_SECOND * (source.times[-1] - source.times[0])) + STEPS_PER_ROW * rows
+    rows, seconds = rows or len(source.times), min(source.times[-1] - source.times[0], SLOW_STEP * samples)
+    most = MAX_STEPS + int(STEPS_PER_SECOND * seconds) + STEPS_PER_ROW * rows
     return most if step_limited else CHOSEN_MODEL_FACTOR * most
 
 
@@ -396,7 +398,7 @@ def simulated(
         model,
         source,
         asked,
-        max_steps=step_limit(source, run.step_limited),
+        max_steps=step_limit(source, run.step_limited, samples=len(run.time)),
         initial_state=initial_state,
         channels=channels,
     )
@@ -471,7 +473,7 @@ def shown_by(model: Model, run: FitData, nuisance: Nuisance, lines: Stretches | 
     first = np.asarray(source.values[0], float)
     begin = copy_of_run(model, run.initial_state) if run.initial_state else new_run(model, first, work, nuisance.start)
     try:
-        limit = step_limit(source, run.step_limited, 0 if lines is None else len(lines.times))
+        limit = step_limit(source, run.step_limited, 0 if lines is None else len(lines.times), len(run.time))
         samples = sampled_channels(model, source, asked, run.channels, limit, begin, work, lines)
     except SimulationError as error:
         raise SimulationError(f'{run.name}: {error}') from error

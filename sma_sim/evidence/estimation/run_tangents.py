@@ -135,7 +135,7 @@ def sensitivities_of(task: TangentTask) -> Sensitivities | None:
         initial_state,
         run.channels,
         neighbours,
-        step_limit(source, run.step_limited),
+        step_limit(source, run.step_limited, samples=len(run.time)),
         run.leeway,
     )
 
