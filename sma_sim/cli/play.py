@@ -38,6 +38,7 @@ def add_parser(verbs: Any) -> None:
     )
     parser.add_argument('--topic', help='topic to publish the heating on (default: J_eq or J)')
     parser.add_argument('--speed', type=float, default=1.0, help='factor of time: 2 plays twice as fast (default 1)')
+    parser.add_argument('--use-sim-time', action='store_true', help='follow /clock in place of the clock of this computer')
     parser.add_argument('--system', metavar='NAME', help='structure that is commanded (default: as the file tells)')
     add_namespace_option(parser)
     add_config_options(parser)
@@ -59,8 +60,14 @@ def run(arguments: argparse.Namespace) -> int:
     except ImportError as error:
         raise UserError(NO_ROS.format(reason=error)) from error
     progress = ProgressLine(f'playing {arguments.file.name}')
+
+    def say(words: str) -> None:
+        progress.close()
+        print(f'{arguments.file.name}: {words}', file=sys.stderr, flush=True)
+
+    namespace, follows_clock = arguments.namespace or '', arguments.use_sim_time
     try:
-        played = play(times, heating, commands, arguments.namespace or '', arguments.speed, progress)
+        played = play(times, heating, commands, namespace, arguments.speed, follows_clock, progress, say)
     finally:
         progress.close()
     if played.stopped_by is None:

@@ -8,15 +8,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import rclpy
+from rclpy.node import Node
+from rclpy.parameter import Parameter
 from std_msgs.msg import Float64, Float64MultiArray
 
 from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
 from sma_sim.ros.command_session import CommandSession
+from sma_sim.ros.inbox import clock_inbox
 
 PLAYER_NODE = 'sma_play'
 REPEAT_PERIOD = 0.1  # [s] after which a held command is sent again, so that no timeout turns the heating off
 LISTENER_TIMEOUT = 10.0  # [s] for a subscriber to appear
+STANDSTILL = 2.0  # [s] without a step of /clock after which nobody knows how long a command has been in force
+MAX_WAIT = 0.05  # [s] for a step of /clock between two looks for a signal
 
 Commands = Mapping[str, Vector]  # by topic: one number per time (k,), or one for each wire (k, w)
 
@@ -29,32 +34,83 @@ class Played(NamedTuple):
     stopped_by: int | None
 
 
+class PlayerClock:
+    """The time [s] by which commands are sent: that of /clock, or of the steady clock of this computer."""
+
+    def __init__(self, node: Node, follows: bool) -> None:
+        self._node, self._inbox = node, clock_inbox(node) if follows else None
+        self._last, self._moved_at = 0.0, time.monotonic()
+
+    def now(self) -> float:
+        """Its time; 0 before /clock was heard of. Raises UserError where it went back."""
+        if self._inbox is None:
+            return time.monotonic()
+        self._inbox.take()
+        now = 1e-9 * self._node.get_clock().now().nanoseconds
+        if now < self._last:
+            raise UserError(
+                f'/clock went back by {self._last - now:.2f} s, to {now:.2f} s: its source was restarted, or a bag plays '
+                'from its start. Stopped; heating off'
+            )
+        if now > self._last:
+            self._last, self._moved_at = now, time.monotonic()
+        return now
+
+    @property
+    def stands_still(self) -> bool:
+        """Whether it has not moved for long."""
+        return self._inbox is not None and time.monotonic() - self._moved_at > STANDSTILL
+
+    def wait(self, seconds: float) -> None:
+        """Return after so many seconds, or earlier, when it may have moved."""
+        if self._inbox is None:
+            time.sleep(seconds)
+        else:
+            self._inbox.wait(MAX_WAIT)
+
+
 def play(
-    times: Vector, heating: str, commands: Commands, namespace: str, speed: float, on_progress: Callable[[float], None]
+    times: Vector,
+    heating: str,
+    commands: Commands,
+    namespace: str,
+    speed: float,
+    follows_clock: bool,
+    on_progress: Callable[[float], None],
+    say: Callable[[str], None],
 ) -> Played:
     """Send commands at `times` (k,) [s], each held until the next; the last time ends it.
 
-    The topic `heating` [W] is turned off at the end, also at an early one; set points stay. `on_progress` gets the fraction
-    that is done. Raises UserError when nobody subscribes, or nobody does any more: a robot that restarts in the middle
-    of a command is not where the command takes it to be.
+    They go by /clock where it is followed: before it is published, and while it stands still, the heating is off. The topic
+    `heating` [W] is turned off at the end, also at an early one; set points stay. `on_progress` gets the fraction that is
+    done, `say` what a user should know meanwhile. Raises UserError when nobody subscribes, or nobody does any more: a robot
+    that restarts in the middle of a command is not where the command takes it to be; and where /clock goes back.
     """
     with CommandSession([], rclpy.Context()) as session:
-        node = rclpy.create_node(PLAYER_NODE, namespace=namespace, context=session.context)
+        follow = [Parameter('use_sim_time', value=follows_clock)]
+        node = rclpy.create_node(PLAYER_NODE, namespace=namespace, context=session.context, parameter_overrides=follow)
         publishers = {topic: node.create_publisher(kind_of(values), topic, 10) for topic, values in commands.items()}
-        session.end_with(publishers[heating], message_of(0.0 * commands[heating][0]))
+        off = message_of(0.0 * commands[heating][0])
+        session.end_with(publishers[heating], off)
         for publisher in publishers.values():
             wait_for_listener(publisher, session)
+        if not follows_clock and node.count_publishers('/clock'):
+            say("/clock is published; commands go by this computer's clock: --use-sim-time lets them follow /clock")
 
-        def send(row: int) -> None:
-            for topic, values in commands.items():
-                publishers[topic].publish(message_of(values[row]))
+        def send(row: int | None) -> None:
+            if row is None:
+                publishers[heating].publish(off)
+            else:
+                for topic, values in commands.items():
+                    publishers[topic].publish(message_of(values[row]))
             if publishers[heating].get_subscription_count() == 0:
-                part = f'{times[row] - times[0]:g} of {times[-1] - times[0]:g} s'
+                part = f'{times[row or 0] - times[0]:g} of {times[-1] - times[0]:g} s'
                 raise UserError(
                     f'nobody listens to {publishers[heating].topic_name} any more: stopped after {part}; heating off'
                 )
 
-        rounds, seconds = send_all(times, speed, send, session, on_progress)
+        clock = PlayerClock(node, follows_clock)
+        rounds, seconds = send_all(times, speed, clock, send, session, on_progress, say)
     return Played(rounds, seconds, session.stopped_by)
 
 
@@ -84,18 +140,40 @@ def wait_for_listener(publisher: Any, session: CommandSession) -> None:
 
 
 def send_all(
-    times: Vector, speed: float, send: Callable[[int], None], session: CommandSession, on_progress: Callable[[float], None]
+    times: Vector,
+    speed: float,
+    clock: PlayerClock,
+    send: Callable[[int | None], None],
+    session: CommandSession,
+    on_progress: Callable[[float], None],
+    say: Callable[[str], None],
 ) -> tuple[int, float]:
-    """Send each row at its time, and again while it holds, until the session is to stop; how often, and up to when [s]."""
-    start, sent, played = time.monotonic() - times[0] / speed, 0, 0.0
+    """Send each row at its time, and again while it holds, until the session is to stop; how often, and up to when [s].
+
+    `send` gets None for no heating, while the clock stands still.
+    """
+    sent, played, said = 0, 0.0, False
+    while clock.now() == 0.0 and session.stopped_by is None:
+        if clock.stands_still and not said:
+            said = True
+            say('waiting for /clock, which nobody publishes: nothing is sent')
+        clock.wait(MAX_WAIT)
+    start = clock.now() - times[0] / speed
     for row, until in enumerate(times[1:]):
-        end = start + until / speed
-        while (left := end - time.monotonic()) > 0.0:
-            played = speed * (time.monotonic() - start) - times[0]
+        end, due = start + until / speed, -np.inf
+        while (left := end - (now := clock.now())) > 0.0:
+            played = speed * (now - start) - times[0]
             if session.stopped_by is not None:
                 return sent, played
-            send(row)
-            sent += 1
-            on_progress(min(1.0, played / (times[-1] - times[0])))
-            time.sleep(max(0.0, min(left, REPEAT_PERIOD)))
+            if clock.stands_still:
+                if due > -np.inf:
+                    part = f'{played:.2f} of {times[-1] - times[0]:g} s'
+                    say(f'/clock stands still at {now:.2f} s, after {part}: heating off until it moves')
+                send(None)
+                due = -np.inf
+            elif now >= due:
+                send(row)
+                sent, due = sent + 1, now + REPEAT_PERIOD
+                on_progress(min(1.0, played / (times[-1] - times[0])))
+            clock.wait(max(0.0, min(left, REPEAT_PERIOD)))
     return sent, times[-1] - times[0]

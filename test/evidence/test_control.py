@@ -163,6 +163,25 @@ def test_a_better_model_is_seen_in_the_tracking_error():
     assert followed(FeedforwardPI(improved), robot)[0] < 0.5 * alone
 
 
+@pytest.mark.parametrize('ahead', [0.3, 3.0])
+@pytest.mark.parametrize('law', [FeedforwardPI, PredictiveController])
+def test_no_wire_burns_where_a_clock_is_set_ahead(law, ahead):
+    """The robot stands still for a while that its stamps say has passed; the feedback makes up for it within the limit."""
+    limit, robot = 360.0, Model(Config(kinetics='mas'))
+    controller, run = law(Config({'guard.T_max': limit})), FixedRateRun(robot, RATE, np.array([0.0, T_E]))
+    places, T, errors = slice(robot.compiled.first_T, robot.compiled.first_T + 2), [], []
+    for k in range(600):
+        t = k / RATE + ahead * (k >= 330)
+        target = 0.06 * np.sin(2.0 * np.pi * (t + np.array([0.0])) / 8.0)[0]
+        J = controller.step(t, {'alpha': run.shown('alpha')}, lambda times: 0.06 * np.sin(2.0 * np.pi * times / 8.0))
+        controller.observe(t, J)
+        run.step(np.array([J, T_E]))
+        T.append(run.run.state.y[places].max())
+        errors.append(abs(run.shown('alpha') - target))
+    assert max(T) < limit + 6.0
+    assert max(errors[550:]) < 3.0 * max(errors[200:330]) + 1e-3
+
+
 @pytest.mark.parametrize('make', [Feedforward, PredictiveController])
 def test_structures_that_one_command_does_not_move_are_refused(make):
     with pytest.raises(UserError, match='spatial'):

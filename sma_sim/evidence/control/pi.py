@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import isfinite
+import math
 
 from sma_sim.model.argument_checks import expect
 from sma_sim.model.errors import UserError
@@ -27,18 +27,20 @@ class PI:
     def __init__(self, kp: float, ki: float, limit: float) -> None:
         for name, value in {'kp': kp, 'ki': ki, 'limit': limit}.items():
             expect(name, value, float)
-            if not isfinite(value):
+            if not math.isfinite(value):
                 raise UserError(f'{name} = {value}: expected a finite number')
         if limit < 0.0:
             raise UserError(f'limit = {limit:g}: expected the largest output, 0 or more')
         self.kp, self.ki, self.limit = kp, ki, limit
         self.integral = 0.0  # of the error, times ki: in units of the output
 
-    def __call__(self, error: float, dt: float, feedforward: float = 0.0) -> float:
-        """The output for an error that has lasted dt [s], beside what a feedforward asks for."""
+    def __call__(
+        self, error: float, dt: float, feedforward: float = 0.0, low: float = -math.inf, high: float = math.inf
+    ) -> float:
+        """The output for an error that has lasted dt [s], beside what a feedforward asks for, between `low` and `high`."""
         more = self.ki * error * dt
         wanted = feedforward + self.kp * error + self.integral + more
-        output = min(max(wanted, -self.limit), self.limit)
+        output = min(max(wanted, -self.limit, low), self.limit, high)
         if output == wanted or more * wanted < 0.0:  # within the limit, or on the way back to it
             self.integral += more
         return output

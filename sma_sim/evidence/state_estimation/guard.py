@@ -31,6 +31,7 @@ from sma_sim.model.argument_checks import as_array, expect
 from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
+from sma_sim.model.parameters import WireConstants
 from sma_sim.model.system import commanded_heating
 from sma_sim.solver.model import Model
 
@@ -226,10 +227,8 @@ class Guard:
 
     def _prediction(self, heating: Vector, estimate: Estimate, lasted: float) -> tuple[Vector, Vector]:
         """Temperatures after so many seconds without heating, and what heating adds (wires,) [K]."""
-        w = self._wire
-        cooling = w.lambda_ * w.surface
-        decay = math.exp(-cooling * lasted / (w.volume * w.rho * w.c_V))
-        return estimate.T * decay + self.T_E * (1.0 - decay), heating / cooling * (1.0 - decay)
+        T, for_each_watt = heat_balance(self._wire, estimate.T, self.T_E, lasted)
+        return T, for_each_watt * heating
 
     def _by_temperature(self, heating: Vector, estimate: Estimate) -> tuple[float, str]:
         T, rise = self._prediction(heating, estimate, self._limits['horizon'])
@@ -276,6 +275,13 @@ class Guard:
             elif abs(x - extreme) > CYCLE:
                 self.counters.cycles[i] += 0.5 if side else 0.0  # the way to the first extreme is no turn
                 self._turns[i] = (x, 1 if x > extreme else -1)
+
+
+def heat_balance(wire: WireConstants, T: Vector, T_E: float, lasted: float) -> tuple[Vector, float]:
+    """Temperatures (wires,) [K] after so many seconds without heating and latent heat, and what each watt adds [K/W]."""
+    cooling = wire.lambda_ * wire.surface
+    decay = math.exp(-cooling * lasted / (wire.volume * wire.rho * wire.c_V))
+    return T * decay + T_E * (1.0 - decay), (1.0 - decay) / cooling
 
 
 def smallest(room: Vector, added: Vector) -> tuple[float, int]:
