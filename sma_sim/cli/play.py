@@ -60,14 +60,9 @@ def run(arguments: argparse.Namespace) -> int:
     except ImportError as error:
         raise UserError(NO_ROS.format(reason=error)) from error
     progress = ProgressLine(f'playing {arguments.file.name}')
-
-    def say(words: str) -> None:
-        progress.close()
-        print(f'{arguments.file.name}: {words}', file=sys.stderr, flush=True)
-
     namespace, follows_clock = arguments.namespace or '', arguments.use_sim_time
     try:
-        played = play(times, heating, commands, namespace, arguments.speed, follows_clock, progress, say)
+        played = play(times, heating, commands, namespace, arguments.speed, follows_clock, progress)
     finally:
         progress.close()
     if played.stopped_by is None:

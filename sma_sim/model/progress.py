@@ -41,6 +41,12 @@ class ProgressLine:
             print(f'\r{text:<79}', end='', file=sys.stderr, flush=True)
             self._shown = True
 
+    def note(self, words: str) -> None:
+        """Say what a user should know meanwhile, on a line of its own that everybody sees."""
+        self.close()
+        self._shown = False
+        print(f'{self._what}: {words}', file=sys.stderr, flush=True)
+
     def close(self) -> None:
         """End the line."""
         if self._shown:

@@ -14,6 +14,7 @@ from std_msgs.msg import Float64, Float64MultiArray
 
 from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
+from sma_sim.model.progress import ProgressLine
 from sma_sim.ros.command_session import CommandSession
 from sma_sim.ros.inbox import clock_inbox
 
@@ -76,15 +77,14 @@ def play(
     namespace: str,
     speed: float,
     follows_clock: bool,
-    on_progress: Callable[[float], None],
-    say: Callable[[str], None],
+    progress: ProgressLine,
 ) -> Played:
     """Send commands at `times` (k,) [s], each held until the next; the last time ends it.
 
     They go by /clock where it is followed: before it is published, and while it stands still, the heating is off. The topic
-    `heating` [W] is turned off at the end, also at an early one; set points stay. `on_progress` gets the fraction that is
-    done, `say` what a user should know meanwhile. Raises UserError when nobody subscribes, or nobody does any more: a robot
-    that restarts in the middle of a command is not where the command takes it to be; and where /clock goes back.
+    `heating` [W] is turned off at the end, also at an early one; set points stay. Raises UserError when nobody subscribes, or
+    nobody does any more: a robot that restarts in the middle of a command is not where the command takes it to be; and where
+    /clock goes back.
     """
     with CommandSession([], rclpy.Context()) as session:
         follow = [Parameter('use_sim_time', value=follows_clock)]
@@ -95,7 +95,9 @@ def play(
         for publisher in publishers.values():
             wait_for_listener(publisher, session)
         if not follows_clock and node.count_publishers('/clock'):
-            say("/clock is published; commands go by this computer's clock: --use-sim-time lets them follow /clock")
+            progress.note(
+                "/clock is published; commands go by this computer's clock: --use-sim-time lets them follow /clock"
+            )
 
         def send(row: int | None) -> None:
             if row is None:
@@ -110,7 +112,7 @@ def play(
                 )
 
         clock = PlayerClock(node, follows_clock)
-        rounds, seconds = send_all(times, speed, clock, send, session, on_progress, say)
+        rounds, seconds = send_all(times, speed, clock, send, session, progress)
     return Played(rounds, seconds, session.stopped_by)
 
 
@@ -145,8 +147,7 @@ def send_all(
     clock: PlayerClock,
     send: Callable[[int | None], None],
     session: CommandSession,
-    on_progress: Callable[[float], None],
-    say: Callable[[str], None],
+    progress: ProgressLine,
 ) -> tuple[int, float]:
     """Send each row at its time, and again while it holds, until the session is to stop; how often, and up to when [s].
 
@@ -156,7 +157,7 @@ def send_all(
     while clock.now() == 0.0 and session.stopped_by is None:
         if clock.stands_still and not said:
             said = True
-            say('waiting for /clock, which nobody publishes: nothing is sent')
+            progress.note('waiting for /clock, which nobody publishes: nothing is sent')
         clock.wait(MAX_WAIT)
     start = clock.now() - times[0] / speed
     for row, until in enumerate(times[1:]):
@@ -168,12 +169,12 @@ def send_all(
             if clock.stands_still:
                 if due > -np.inf:
                     part = f'{played:.2f} of {times[-1] - times[0]:g} s'
-                    say(f'/clock stands still at {now:.2f} s, after {part}: heating off until it moves')
+                    progress.note(f'/clock stands still at {now:.2f} s, after {part}: heating off until it moves')
                 send(None)
                 due = -np.inf
             elif now >= due:
                 send(row)
                 sent, due = sent + 1, now + REPEAT_PERIOD
-                on_progress(min(1.0, played / (times[-1] - times[0])))
+                progress(min(1.0, played / (times[-1] - times[0])))
             clock.wait(max(0.0, min(left, REPEAT_PERIOD)))
     return sent, times[-1] - times[0]
