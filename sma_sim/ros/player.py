@@ -82,9 +82,9 @@ def play(
     """Send commands at `times` (k,) [s], each held until the next; the last time ends it.
 
     They go by /clock where it is followed: before it is published, and while it stands still, the heating is off. The topic
-    `heating` [W] is turned off at the end, also at an early one; set points stay. Raises UserError when nobody subscribes, or
-    nobody does any more: a robot that restarts in the middle of a command is not where the command takes it to be; and where
-    /clock goes back.
+    `heating` [W] is turned off at the end, also at an early one; set points stay. Raises UserError when nobody subscribes,
+    or nobody does any more: a robot that restarts in the middle of a command is not where the command takes it to be; and
+    where /clock goes back.
     """
     with CommandSession([], rclpy.Context()) as session:
         follow = [Parameter('use_sim_time', value=follows_clock)]
