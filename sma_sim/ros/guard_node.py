@@ -196,7 +196,8 @@ class WireGuard:
         if estimate:
             # Its age on arrival is told by the pose that the robot has shown since, however busy observer and network are.
             at = max(estimate.time + self._robot.pace * (now - self._heard[COMPLETE][0]), self._robot.at(now))
-            if at > estimate.time + self._silence:
+            self._guard.pace = self._robot.pace
+            if at > estimate.time + self._silence * self._robot.pace:
                 behind = f'its estimate is {at - estimate.time:.2f} s older than the pose of the robot'
                 self._turn_off(f'the observer is behind: {behind} (guard.silence {self._silence:g} s)', now)
                 return

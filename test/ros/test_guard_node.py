@@ -242,7 +242,7 @@ def heated(config, pace, behind, asked, seconds):
     return np.array(T), np.array(J), decision
 
 
-@pytest.mark.parametrize(('pace', 'behind'), [(1.0, 0.0), (1.0, 0.12), (3.0, 0.12), (8.0, 0.12)])
+@pytest.mark.parametrize(('pace', 'behind'), [(1.0, 0.0), (1.0, 0.12), (3.0, 0.12), (3.0, 0.3), (8.0, 0.12)])
 def test_limits_hold_in_the_time_of_a_robot_that_is_faster_than_a_clock(pace, behind):
     """Also where its observer is behind and the command changes meanwhile."""
     config = Config({'guard.T_max': 350.0, 'guard.margin': 0.0})

@@ -129,6 +129,7 @@ class Guard:
             name.removeprefix('guard.'): value for name, value in config.parameters.items() if name.startswith('guard.')
         }
         self.T_E = config.parameters['environment.T_E']
+        self.pace = 1.0  # seconds of estimates and commands in one of a clock, by which silence counts
         self.counters = counters or Counters(cycles=[0.0] * self._wires)
         self._carried: Estimate | None = None  # the last estimate, as it was at the last command
         self._last: Estimate | None = None
@@ -181,7 +182,7 @@ class Guard:
             return 0.0, NOT_FINITE, f'J_eq = {", ".join(map(str, asked.tolist()))}: not a finite number'
         late = math.inf if estimate is None else time - estimate.time
         known = estimate is not None and np.isfinite([*estimate.mean, *estimate.stress_std, *estimate.strain]).all()
-        if estimate is None or not known or not abs(late) <= self._limits['silence']:
+        if estimate is None or not known or not abs(late) <= self._limits['silence'] * self.pace:
             return 0.0, UNKNOWN, f'there is no estimate of the last {self._limits["silence"]:g} s'
         most, T_std = self._limits['T_std_max'], estimate.T_std
         if not (T_std <= most).all():
