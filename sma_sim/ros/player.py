@@ -62,6 +62,11 @@ class PlayerClock:
         """Whether it has not moved for long."""
         return self._inbox is not None and time.monotonic() - self._moved_at > STANDSTILL
 
+    @property
+    def is_another(self) -> bool:
+        """Whether /clock is published and not followed; its publisher may be found late."""
+        return self._inbox is None and self._node.count_publishers('/clock') > 0
+
     def wait(self, seconds: float) -> None:
         """Return after so many seconds, or earlier, when it may have moved."""
         if self._inbox is None:
@@ -94,10 +99,6 @@ def play(
         session.end_with(publishers[heating], off)
         for publisher in publishers.values():
             wait_for_listener(publisher, session)
-        if not follows_clock and node.count_publishers('/clock'):
-            progress.note(
-                "/clock is published; commands go by this computer's clock: --use-sim-time lets them follow /clock"
-            )
 
         def send(row: int | None) -> None:
             if row is None:
@@ -175,6 +176,11 @@ def send_all(
             elif now >= due:
                 send(row)
                 sent, due = sent + 1, now + REPEAT_PERIOD
+                if not said and clock.is_another:
+                    said = True
+                    progress.note(
+                        "/clock is published; commands go by this computer's clock: --use-sim-time lets them follow /clock"
+                    )
                 progress(min(1.0, played / (times[-1] - times[0])))
             clock.wait(max(0.0, min(left, REPEAT_PERIOD)))
     return sent, times[-1] - times[0]

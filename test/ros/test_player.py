@@ -99,7 +99,7 @@ def test_whatever_ends_a_command_by_clock_leaves_zero(tmp_path, how):
 
 
 def test_a_clock_that_is_not_followed_is_said(tmp_path):
-    with Player(tmp_path) as one:  # for 4 s, in which the publisher of /clock is found
+    with Player(tmp_path) as one:  # for 4 s, in which the publisher of /clock is found, however late
         one.until(one.says('--use-sim-time lets them follow /clock'), 10.0)
         one.until(one.says('4 s played'), 10.0)
         assert one.end() == 0

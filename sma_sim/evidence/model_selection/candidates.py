@@ -14,8 +14,6 @@ from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, find_effe
 from sma_sim.model.effects.meaning import is_tried
 from sma_sim.model.parameters import Parameter
 
-MIDDLE = 0.5  # of a realistic range
-
 
 @dataclass(frozen=True)
 class Probe:
@@ -75,7 +73,7 @@ def candidate_at(
     strengths = [p for p in (found.effect.parameters if probed is None else probed) if p.neutral is not None]
     every, families = list(shapes), list[tuple[Probe, ...]]()
     for k, shape in enumerate(every):
-        fractions = CRITERIA.shape_fractions if k == len(every) // 2 else (MIDDLE,)
+        fractions = CRITERIA.fractions if k == len(every) // 2 else CRITERIA.fractions[1:2]
         sizes = dict.fromkeys(tuple((p, step) for p in strengths for step in steps_of(p, part)) for part in fractions)
         families += [tuple(Probe(p.name, float(p.neutral or 0.0), step, shape) for p, step in size) for size in sizes]
     return Candidate(found, tuple(family for family in families if family))
@@ -112,7 +110,7 @@ def shape_values(parameter: Parameter) -> list[float]:
     """Values of a parameter that is undefined while the effect is off: a grid over its realistic range."""
     if parameter.realistic is None:
         return [parameter.default]
-    return [interpolated(*parameter.realistic, fraction) for fraction in CRITERIA.shape_fractions]
+    return [interpolated(*parameter.realistic, fraction) for fraction in CRITERIA.fractions]
 
 
 def steps_of(parameter: Parameter, fraction: float) -> list[float]:

@@ -10,8 +10,8 @@ class SelectionCriteria:
     """Each with its reason. Errors are over noise (1: the model explains all but the noise)."""
 
     # Candidates and their probes
-    shape_fractions: tuple[float, ...] = (1 / 6, 1 / 2, 5 / 6)
-    """Where in its realistic range a parameter without a neutral value is probed: the centres of its thirds."""
+    fractions: tuple[float, float, float] = (1 / 6, 1 / 2, 5 / 6)
+    """Where in its realistic range a parameter is probed that has no neutral value there: the centres of its thirds."""
     probe_fraction: float = 0.3
     """Probe step as a fraction of a realistic range that begins at neutral: visible, and still in the linear part."""
     log_range_ratio: float = 3.0
