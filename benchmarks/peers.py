@@ -152,7 +152,7 @@ def diagnosed(part: str, hidden: Sequence[str], found: Diagnosis) -> dict[str, A
 def seen_runs(found: Diagnosis, made: Challenge) -> list[SeenRun]:
     """The recordings beside the calibrated model, the held-out one last."""
     nominal, noise = found.nominal, made.dataset.noise_std
-    nuisances = nuisances_of(nominal.delay, (*nominal.runs, *nominal.predicted))
+    nuisances = nuisances_of(nominal.calibration.delay, (*nominal.calibration.runs, *nominal.predicted))
     training, held_out = hold_out_last(made.dataset, None)
     assert held_out is not None
 

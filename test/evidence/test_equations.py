@@ -19,12 +19,11 @@ from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.nominal_fit import nominal_fit
 from sma_sim.evidence.search.beam import search
-from sma_sim.evidence.search.equations import has_terms, proposal_of
+from sma_sim.evidence.search.equations import has_terms, proposal_of, stabilities
 from sma_sim.evidence.search.posterior import posterior_of
 from sma_sim.evidence.symbolic_regression.formula import Formula
 from sma_sim.evidence.symbolic_regression.locations import locations_for
 from sma_sim.evidence.symbolic_regression.shape_grids import VisitedRanges, grid_of, peak_frequencies, shape_grid
-from sma_sim.evidence.symbolic_regression.stability import stabilities
 from sma_sim.evidence.symbolic_regression.term_fits import LinearizedFit, TermFit, TermTrial, rms_value, with_own_responses
 from sma_sim.evidence.symbolic_regression.terms import factor, per_unit, product_unit
 from sma_sim.evidence.symbolic_regression.universal_term import universal_term

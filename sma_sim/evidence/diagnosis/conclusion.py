@@ -123,7 +123,7 @@ def errors_in_own_rooms(stages: Sequence[ModelStage], held_out: Dataset, context
     """By stage, the normalized RMSE of held-out runs whose ambient temperatures are estimated as their initial states are:
     where these differ from those of the fitted runs, errors without that compare rooms, not models."""
     runs = with_differences(held_out, (AMBIENT,))
-    predicted = (predict_recordings(one.config, runs, one.delay, context.pool, one.train) for one in stages)
+    predicted = (predict_recordings(one.config, runs, one.calibration.delay, context.pool, one.train) for one in stages)
     return tuple(pooled_error(fits)[0] for fits in predicted)
 
 
@@ -222,21 +222,6 @@ class ModelStage:
     def config(self) -> Config:
         """The configuration with the fitted parameters."""
         return self.calibration.config
-
-    @property
-    def delay(self) -> float:
-        """The fitted delay of the measurement [s]."""
-        return self.calibration.delay
-
-    @property
-    def values(self) -> Mapping[str, float]:
-        """The fitted parameters by name (SI)."""
-        return self.calibration.values
-
-    @property
-    def runs(self) -> tuple[RunFit, ...]:
-        """The training runs under the model."""
-        return self.calibration.runs
 
     @property
     def train(self) -> float:

@@ -68,7 +68,7 @@ def reviewed(diagnosis: Diagnosis, dataset: Dataset, held_out: Dataset | None, g
     for parameter in diagnosis.calibration.free:
         given_values.setdefault(parameter.name, parameter.center)
     comparison = compared_calibration(diagnosis.calibration, training, held_out, diagnosis.predicted, 'last step')
-    nominal_values = given_values | dict(diagnosis.nominal.values)
+    nominal_values = given_values | dict(diagnosis.nominal.calibration.values)
     return DiagnosisReview(
         diagnosis, training, held_out, as_it_is, given_values, nominal_values, changes, summarize(comparison)
     )
@@ -93,13 +93,13 @@ def stage_change(before: ModelStage, after: ModelStage, training: Dataset, held_
     predicted = bool(before.predicted) and bool(after.predicted) and math.isfinite(before.held_out + after.held_out)
     out = held_out is not None and predicted
     dataset = held_out if held_out is not None and out else training
-    first, then = (before.predicted, after.predicted) if out else (before.runs, after.runs)
+    first, then = (one.predicted if out else one.calibration.runs for one in (before, after))
     channel = most_changed(before, after, out)
     worst = max((fit for fit in first if channel in fit.channel_errors), key=lambda fit: fit.channel_errors[channel])
     same = next(fit for fit in then if fit.name == worst.name)
     k = [recording.name for recording in dataset.recordings].index(worst.name)
-    run_before = compared_run(dataset, k, before.config, nuisances_of(before.delay, first))
-    run_after = compared_run(dataset, k, after.config, nuisances_of(after.delay, then))
+    run_before = compared_run(dataset, k, before.config, nuisances_of(before.calibration.delay, first))
+    run_after = compared_run(dataset, k, after.config, nuisances_of(after.calibration.delay, then))
     return StageChange(channel, out, run_before, run_after, (worst.channel_errors[channel], same.channel_errors[channel]))
 
 

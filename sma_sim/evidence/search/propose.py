@@ -19,8 +19,7 @@ from sma_sim.evidence.model_selection.score_tests import screen
 from sma_sim.evidence.model_selection.variants import forms_of
 from sma_sim.evidence.search.components import Catalogue, Component, difference_component, formula_log_prior
 from sma_sim.evidence.search.refine import Model
-from sma_sim.evidence.symbolic_regression.formula import Formula
-from sma_sim.evidence.symbolic_regression.term_candidates import as_candidate
+from sma_sim.evidence.symbolic_regression.formula import Formula, as_candidate
 from sma_sim.evidence.symbolic_regression.term_fits import terms_at
 from sma_sim.solver.simulate import SimulationError
 
