@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
-from functools import cache
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,24 +14,15 @@ from numpy.typing import NDArray
 from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.evidence.estimation.injection_points import STIFFNESS, Port
 from sma_sim.evidence.estimation.residuals import FitData, Nuisance, weighted_residuals, with_start, with_switches
-from sma_sim.evidence.latent_input.time_functions.time_function import KNOT_COUNT
+from sma_sim.evidence.latent_input.time_functions import KNOT_COUNT, time_function_effects
 from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import Config
-from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, find_effects
+from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect
 from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.inputs import Input, input_between
 from sma_sim.solver.model import Model
 from sma_sim.solver.simulate import SimulationError, simulate
 
-TIME_FUNCTION_FOLDER = Path(__file__).parent / 'time_functions'
-EFFECT_BY_HOOK = {
-    'structure_force': 'latent_force',
-    'wire_heat': 'latent_heat',
-    'wire_strain': 'latent_strain',
-    'transformation_stress': 'latent_stress',
-    'actuation': 'latent_power',
-    'stiffness': 'latent_stiffness',
-}
 MIN_KNOT_SPACING = 1.0  # [s]: heat and bending take about as long
 BINS_PER_KNOT = 5  # so that a hat function is resolved
 KNOTS_PER_TASK = 5  # they share the simulation up to the first of them
@@ -54,13 +43,6 @@ class KnotGrid:
         """Middles of the bins [s]."""
         middles: Vector = self.knots[0] + (np.arange(self.bins) + 0.5) * self.spacing / BINS_PER_KNOT
         return middles
-
-
-@cache
-def time_function_effects() -> dict[str, FoundEffect]:
-    """The effects that are a given function of time, by the port of effects on which they act."""
-    found = find_effects([TIME_FUNCTION_FOLDER])
-    return {hook: found[name] for hook, name in EFFECT_BY_HOOK.items()}
 
 
 def knot_grid(run: FitData, max_spacings: int = KNOT_COUNT - 1) -> KnotGrid:
@@ -194,7 +176,7 @@ def knot_responses(task: KnotResponseTask) -> NDArray[np.float32]:
 
 
 def time_function_at(grid: KnotGrid, values: Vector, time: Vector) -> Vector:
-    """The function through values (knots,) at times (k,) [s], as time_functions/time_function.py has it."""
+    """The function through values (knots,) at times (k,) [s], as `time_function` has it."""
     at = np.clip((time - grid.knots[0]) / grid.spacing, 0.0, len(values) - 1.000001)
     k = at.astype(np.int64)
     part = np.sin(0.5 * np.pi * (at - k)) ** 2
