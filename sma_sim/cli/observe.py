@@ -12,7 +12,7 @@ from sma_sim.cli.common.options import add_config_options, announce_first_compil
 from sma_sim.evidence.data.tables import check_writable, write_columns
 from sma_sim.evidence.state_estimation.offline import observe_recording
 from sma_sim.model.errors import UserError
-from sma_sim.report.observed_figure import draw_observed
+from sma_sim.report.run_figure import draw_observed
 from sma_sim.report.style import save
 from sma_sim.solver.first_start import SIMULATION, TANGENTS
 from sma_sim.words.repair_notes import grouped_notes

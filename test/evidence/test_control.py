@@ -8,7 +8,7 @@ from scipy.optimize import lsq_linear
 
 from sma_sim import Config, Model, UserError, effects
 from sma_sim.control import PI, Feedforward, FeedforwardPI, PredictiveController
-from sma_sim.evidence.control.least_squares import constrained_least_squares
+from sma_sim.evidence.control.plan import constrained_least_squares
 from sma_sim.model.material import fraction_at_stress, heat_capacity, latent_heat
 from sma_sim.solver.fixed_rate import FixedRateRun
 

@@ -22,7 +22,7 @@ from sma_sim.evidence.estimation.run_estimates import (
     score_overdispersion,
 )
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95
-from sma_sim.report.html.by_run import by_run_blocks
+from sma_sim.report.html.parameters import by_run_blocks
 from sma_sim.words.fit_data import by_run_data
 from sma_sim.words.fit_remarks import agreement_sentence, remarks_on
 

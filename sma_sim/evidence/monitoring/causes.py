@@ -17,12 +17,32 @@ from sma_sim.evidence.model_selection.candidates import (
     instants_of,
     with_effect,
 )
-from sma_sim.evidence.monitoring.lost_wires import EFFECT as LOST_WIRES
 from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import FoundEffect
+from sma_sim.model.effects.effect import Effect
+from sma_sim.model.parameters import Parameter
 
 COOLING, ROOM = 'wire.lambda', 'T_E'
 COOLING_STEP, AMBIENT_STEP = 0.15, 2.0  # of its logarithm: a fan, a draught, another posture; [K] of a room in a day
+
+# Wires of a bundle that are broken or have slipped out: the others pull with less than the whole.
+LOST_WIRES = Effect(
+    name='lost_wires',
+    title='lost wires of a bundle',
+    port='wire_force',
+    equation='F_added = -part_i F',
+    source='a bundle of n equal wires pulls with n - m of them',
+    parameters=(
+        Parameter(
+            'part', 0.1, '-', (0.0, 0.95), 'share of the wires of bundle 1 that is lost', neutral=0.0, realistic=(0.0, 0.5)
+        ),
+        Parameter(
+            'part_2', 0.0, '-', (0.0, 0.95), 'share of the wires of bundle 2 that is lost', neutral=0.0, realistic=(0.0, 0.5)
+        ),
+    ),
+    kernel=lambda s, w, p: -(p.part if s.wire < 0.5 else p.part_2) * s.F,
+    wires=2,
+)
 
 
 @dataclass(frozen=True)
@@ -78,7 +98,7 @@ def causes_for(config: Config, folders: Iterable[Path] = ()) -> tuple[Cause, ...
     """
     candidates = list(candidates_for(config, folders))
     structure = config.structure.structure
-    lost = FoundEffect(LOST_WIRES, (Path(__file__).with_name('lost_wires.py'),), (__package__ or '',))
+    lost = FoundEffect(LOST_WIRES, (Path(__file__),), (__package__ or '',))
     if structure.coordinates:
         candidates.append(candidate_of(lost.on(structure, config.parameters)))
     beginning = [one for one in candidates if instants_of(one.found)]

@@ -12,7 +12,7 @@ from sma_sim.evidence.data.display_units import DISPLAY_UNITS, in_display_unit
 from sma_sim.evidence.experiment_design.curves import HypothesisCurves, best_hypothesis
 from sma_sim.evidence.experiment_design.plan import Plan
 from sma_sim.evidence.experiment_design.sequences import as_rows
-from sma_sim.report.html.figures import add_curve, new_figure, small
+from sma_sim.report.html.figures import add_band, add_curve, new_figure, small
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Provenance, Section, Table, write_page
 from sma_sim.report.palette import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY
 from sma_sim.words.experiment_design import (
@@ -117,19 +117,8 @@ def draw_prediction(figure: Any, plan: Plan, hypothesis: HypothesisCurves, chann
     unit, factor = DISPLAY_UNITS[plan.run.channels[channel]]
     mean, reach = factor * hypothesis.mean[channel], BAND * factor * hypothesis.std[channel]
     time, row = plan.run.time, channel + 2
-    figure.add_scatter(
-        x=small(np.concatenate([time, time[::-1]])),
-        y=small(np.concatenate([mean + reach, (mean - reach)[::-1]])),
-        fill='toself',
-        fillcolor=colour,
-        opacity=0.2,
-        line={'width': 0},
-        hoverinfo='skip',
-        showlegend=False,
-        legendgroup=hypothesis.name,
-        row=row,
-        col=1,
-    )
+    band = {'opacity': 0.2, 'showlegend': False, 'legendgroup': hypothesis.name}
+    add_band(figure, time, mean, reach, row, colour, **band)
     hover, line = f'%{{y:.4g}} {unit} at %{{x:.2f}} s', {'color': colour, 'width': 1.3}
     add_curve(figure, (small(time), mean), hypothesis.name, line, hover, row, showlegend=channel == 0)
 

@@ -10,17 +10,20 @@ from typing import Any
 from sma_sim.evidence.diagnosis.conclusion import ModelStage
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.diagnosis.review import DiagnosisReview
-from sma_sim.report.html.candidates import selection_section
+from sma_sim.evidence.search.equations import Proposal
+from sma_sim.evidence.search.steps import CandidateFit, SelectionStep
+from sma_sim.evidence.symbolic_regression.partial_residuals import PartialResidualPlot
 from sma_sim.report.html.comparison_page import comparison_sections
 from sma_sim.report.html.data import data_section
 from sma_sim.report.html.figures import HELD_OUT, SHOWN, log_axis, new_figure
-from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Provenance, Section, Table, write_page
+from sma_sim.report.html.page import Block, Bullets, Grid, Paragraph, Plot, Provenance, Section, Table, write_page
 from sma_sim.report.html.parameters import parameters_section
-from sma_sim.report.html.proposed import proposed_section
-from sma_sim.report.palette import GREY
+from sma_sim.report.html.step_figures import change_plot, channel_plot, range_plots
+from sma_sim.report.palette import BLUE, GREY, ORANGE, RED
 from sma_sim.words.diagnosis_data import as_data
 from sma_sim.words.diagnosis_text import explains_all_together, headline, remarks, short_title, verdict_words
 from sma_sim.words.probabilities import finding_rows, model_rows, probability_lines
+from sma_sim.words.proposed_equation import coefficients, error_words, formula_change, ranked, stability_words
 from sma_sim.words.set_up import set_up_sentences
 
 HELD_OUT_NOTE = (
@@ -31,6 +34,20 @@ REDUCTION_CAPTION = (
     'Normalized RMSE (root mean square over channels) of the fitted and of the held-out runs: of your model as it was '
     'given, of the same model calibrated, which biases its parameters towards what it lacks, and with each added effect, '
     'calibrated too; 1 is the noise.'
+)
+CANDIDATE_HEADER = ('effect', 'log odds', 'error ratio', 'held out', 'delta BIC', 'realistic')
+CANDIDATE_CAPTION = (
+    'Fitted together with the parameters of the model, the most probable first. Log odds: natural logarithm of the odds of '
+    'the model with the effect against the one without it, prior probabilities included; error ratio: fitted error with the '
+    'effect over that without it; held out: the same of the held-out runs.'
+)
+PORTRAIT_COLOURS = (BLUE, RED, GREY, '#7a5195')
+PORTRAIT_CAPTION = (
+    'The missing quantity in the training runs (points: the formula plus what the residuals still call for, with two '
+    'standard errors) and the formula (line; rings where it depends on more than what is drawn).'
+)
+FORMULAS_CAPTION = (
+    'Formulas that were refitted, best first. Chosen: share of random halves of the data in which each is the best.'
 )
 
 
@@ -151,3 +168,152 @@ def procedure(diagnosis: Diagnosis) -> Iterator[str]:
     rule = f'A normalized RMSE above {diagnosis.limit:.3g} at the end counts as unexplained'
     is_exception = explains_all_together(diagnosis) and diagnosis.verdict != 'unknown_effect'
     yield rule + (', except in runs that one model explains together.' if is_exception else '.')
+
+
+def selection_section(number: int, step: SelectionStep, review: DiagnosisReview) -> Section:
+    """A step towards the best model with its figures and tables."""
+    diagnosis, accepted = review.diagnosis, step.accepted
+    blocks: list[Block] = [Paragraph(outcome(step), 'lead')]
+    if accepted is not None and accepted.name in review.changes:
+        changed = review.changes[accepted.name]
+        given = next(run for run in review.given.runs if run.name == changed.before.name)
+        blocks += [change_plot(changed, given), Grid(range_plots(accepted))]
+    if step.candidate_fits:
+        blocks += candidate_blocks(step, diagnosis.held_out_ratio if number == 1 else {})
+    if accepted is not None:
+        blocks += confounding_blocks(accepted, diagnosis)
+        if (change := diagnosis.change('added', accepted.name)) is not None:
+            blocks.append(channel_plot(*change, review.scores(bool(change[0].held_out_channel_errors))))
+    return Section(f'Step {number}', blocks)
+
+
+def candidate_blocks(step: SelectionStep, held_out_ratios: Mapping[str, float]) -> list[Block]:
+    """What was fitted; `held_out_ratios` of errors by effect."""
+    return [
+        Table(CANDIDATE_HEADER, [candidate_row(fit, held_out_ratios) for fit in step.candidate_fits], CANDIDATE_CAPTION),
+        Bullets([f'{fit.name}: {fitted_values(fit)}' for fit in step.candidate_fits]),
+    ]
+
+
+def outcome(step: SelectionStep) -> str:
+    """How a step ended."""
+    if step.accepted is not None:
+        reduction = 100.0 * (1.0 - step.accepted.error_ratio)
+        return f'{step.accepted.name} is part of the best model: the fitted error falls by {reduction:.0f} %.'
+    if not step.candidate_fits:
+        return 'No effect promised more than its prior probability costs.'
+    best = step.candidate_fits[0]
+    return f'No further effect is part of the best model. The next, {best.name}: log odds {best.log_odds:.1f}.'
+
+
+def fitted_values(candidate: CandidateFit) -> str:
+    """The fitted values of an effect with their units."""
+    units = {parameter.name: parameter.unit for parameter in candidate.found.effect.parameters}
+    values = candidate.fit.seen_values_of(candidate.name).items()
+    return ', '.join(f'{name} = {value:.3g} {units[name]}'.removesuffix(' -') for name, value in values)
+
+
+def candidate_row(candidate: CandidateFit, held_out_ratios: Mapping[str, float]) -> tuple[str, ...]:
+    """The table row of a candidate."""
+    held_out = held_out_ratios.get(candidate.name)
+    return (
+        candidate.name,
+        f'{candidate.log_odds:.1f}',
+        f'{candidate.error_ratio:.3f}',
+        '' if held_out is None else f'{held_out:.3f}',
+        f'{candidate.delta_bic:.0f}',
+        'yes' if candidate.plausible else 'no',
+    )
+
+
+def confounding_blocks(candidate: CandidateFit, diagnosis: Diagnosis) -> Iterator[Block]:
+    """Which effects explain as well, and why they cannot be told apart; which parameters are known to hide the effect."""
+    reasons = [str(confounding) for confounding in diagnosis.confounding.get(candidate.name, ())]
+    hidden_by = [name for name in candidate.found.effect.confused_with if '.' in name or name == 'delay']
+    if reasons:
+        yield Paragraph(
+            f'These data do not distinguish {candidate.name} from {", ".join(candidate.indistinguishable)}. Why:'
+        )
+        yield Bullets(reasons)
+    if candidate.found.effect.same_as:
+        yield Paragraph(f'The equations make it the same as {candidate.found.effect.same_as}: no data can tell them apart.')
+    if hidden_by:
+        text = f'A small {candidate.name} may hide in {", ".join(hidden_by)}: their estimates are correlated.'
+        yield Paragraph(text, 'note')
+
+
+def proposed_section(found: Diagnosis, proposal: Proposal) -> Section:
+    """The formula, its parameters, the quantity over its variable, the other formulas that were tried."""
+    before, after = formula_change(found)
+    lead = f'No known effect explains what is left. Proposed equation: {proposal.formula.equation}'
+    rows = [
+        (
+            name,
+            f'{coefficient["value"]:.4g}',
+            '' if coefficient['std'] is None else f'{coefficient["std"]:.1g}',
+            'only with the priors'
+            if coefficient['low'] is None
+            else f'{coefficient["low"]:.4g} to {coefficient["high"]:.4g}',
+            coefficient['unit'],
+            coefficient['description'],
+        )
+        for name, coefficient in coefficients(found).items()
+    ]
+    others = [
+        (
+            formula['formula'],
+            f'{formula["error"]:.3f}',
+            f'{100 * formula["stability"]:.0f} %',
+            ', '.join(f'{name} = {value:.3g}' for name, value in formula['parameters'].items()),
+        )
+        for formula in map(ranked, proposal.ranking)
+        if formula['error'] is not None
+    ]
+    blocks: list[Block] = [
+        Paragraph(lead, 'lead'),
+        Paragraph(f'{error_words(before, after)} {rivals_sentence(proposal)}'),
+        Paragraph(stability_words(proposal)),
+        Table(('parameter', 'value', 'std', '95 % from the data alone', 'unit', ''), rows),
+        Plot(residual_figure(proposal.plot), PORTRAIT_CAPTION, 380),
+        channel_plot(before, after),
+        Table(('formula', 'normalized RMSE', 'chosen', 'parameters'), others, FORMULAS_CAPTION),
+    ]
+    return Section('Proposed equation', blocks)
+
+
+def rivals_sentence(proposal: Proposal) -> str:
+    """What cannot be told from it."""
+    if not proposal.indistinguishable:
+        return 'The other formulas that were refitted predict worse.'
+    return f'These data do not distinguish it from {", ".join(proposal.indistinguishable)}.'
+
+
+def residual_figure(plot: PartialResidualPlot) -> object:
+    """The quantity over its variable."""
+    figure = new_figure()
+    for k, run in enumerate(plot.runs):
+        figure.add_scatter(
+            x=run.x,
+            y=run.quantity,
+            mode='markers',
+            name=run.label,
+            marker={'color': PORTRAIT_COLOURS[k % len(PORTRAIT_COLOURS)], 'size': 6},
+            error_y={'type': 'data', 'array': 2.0 * run.std, 'thickness': 1, 'width': 0},
+        )
+    if plot.curve is not None:
+        x, y = plot.curve
+        figure.add_scatter(x=x, y=y, mode='lines', name='formula', line={'color': ORANGE, 'width': 2})
+    for k, run in enumerate(plot.runs if plot.curve is None else ()):
+        figure.add_scatter(
+            x=run.x,
+            y=run.formula,
+            mode='markers',
+            name='formula',
+            legendgroup='formula',
+            showlegend=k == 0,
+            marker={'color': ORANGE, 'symbol': 'circle-open', 'size': 11, 'line': {'width': 2}},
+        )
+    figure.update_xaxes(title_text=f'{plot.variable} [{plot.variable_unit}]')
+    figure.update_yaxes(title_text=f'{plot.quantity} [{plot.unit}]', title_standoff=14)
+    figure.update_layout(margin={'l': 96})
+    return figure

@@ -63,6 +63,31 @@ def add_curve(
     )
 
 
+def add_band(figure: Any, time: Vector, mean: Vector, reach: Vector, row: int, colour: str, **more: Any) -> None:
+    """A band of `reach` on either side of a mean, in one of the rows of axes."""
+    x = small(np.concatenate([time, time[::-1]]))
+    y = small(np.concatenate([mean + reach, (mean - reach)[::-1]]))
+    look = {'fill': 'toself', 'fillcolor': colour, 'mode': 'lines', 'line': {'width': 0}, 'hoverinfo': 'skip'}
+    figure.add_scatter(x=x, y=y, **look, **more, row=row, col=1)
+
+
+def signed_map(x: Sequence[str], y: Sequence[str], z: Any, reach: float, hover: str) -> Any:
+    """A figure of values from -`reach` to `reach`, red to blue, by two names; the first of y is above."""
+    figure, bar = new_figure(), {'thickness': 10, 'len': 0.9}
+    figure.add_heatmap(
+        x=x, y=y, z=z, zmin=-reach, zmax=reach, colorscale='RdBu', xgap=1, ygap=1, colorbar=bar, hovertemplate=hover
+    )
+    figure.update_xaxes(automargin=True, showgrid=False)
+    figure.update_yaxes(automargin=True, showgrid=False, autorange='reversed')
+    figure.update_layout(margin={'t': 12})
+    return figure
+
+
+def interval_bars(above: Sequence[float], below: Sequence[float], colour: str, **more: Any) -> dict[str, Any]:
+    """How far intervals reach above values and below them, as plotly draws it."""
+    return {'type': 'data', 'symmetric': False, 'color': colour, 'array': above, 'arrayminus': below, **more}
+
+
 def log_axis(low: float, high: float) -> dict[str, Any]:
     """A logarithmic axis from `low` to `high` (both above 0), labelled such that several ticks have their number."""
     ends = [math.log10(low), math.log10(high)]

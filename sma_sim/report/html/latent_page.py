@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.latent_input.results import InputFinding, LatentInputs
 from sma_sim.report.html.data import data_section
-from sma_sim.report.html.figures import SHOWN, add_curve, new_figure, small
+from sma_sim.report.html.figures import SHOWN, add_band, add_curve, new_figure, small
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Provenance, Section, Table, Tabs, write_page
 from sma_sim.report.palette import GREY
 from sma_sim.words.latent_input import RANKING_HEADER, ranking_rows, verdict_sentences
@@ -76,22 +74,8 @@ def input_plot(finding: InputFinding) -> Plot:
     """The inputs of one hypothesis, a row for each run and port."""
     figure = new_figure(len(finding.inputs), gap=0.2 / len(finding.inputs))
     for row, estimate in enumerate(finding.inputs, start=1):
-        time = small(np.concatenate([estimate.time, estimate.time[::-1]]))
-        edge = small(np.concatenate([estimate.mean + estimate.band, (estimate.mean - estimate.band)[::-1]]))
-        figure.add_scatter(
-            x=time,
-            y=edge,
-            fill='toself',
-            mode='lines',
-            line={'width': 0},
-            fillcolor='rgba(0, 90, 181, 0.18)',
-            name='95 %',
-            legendgroup='band',
-            showlegend=row == 1,
-            hoverinfo='skip',
-            row=row,
-            col=1,
-        )
+        band = {'name': '95 %', 'legendgroup': 'band', 'showlegend': row == 1}
+        add_band(figure, estimate.time, estimate.mean, estimate.band, row, 'rgba(0, 90, 181, 0.18)', **band)
         hover, line = f'%{{y:.3g}} {estimate.port.unit} at %{{x:.1f}} s', {'color': SHOWN, 'width': 1.5}
         add_curve(figure, (small(estimate.time), estimate.mean), 'estimate', line, hover, row, showlegend=row == 1)
         figure.add_hline(y=0.0, line={'color': GREY, 'width': 1}, row=row, col=1)

@@ -1,6 +1,6 @@
 """One self-contained HTML page from sections of words, tables and interactive figures.
 
-A section is made by a function of evidence dataclasses in a file of its own; the page knows nothing of what they say.
+A section is made by a function of evidence dataclasses; the page knows nothing of what they say.
 plotly.js (its cartesian bundle, kept beside the templates) is written into the page once, so that the page works offline;
 figures are drawn when they come into view, those in closed tabs when these are opened. `window.smaPage` tells how many
 figures there are and how many are drawn.

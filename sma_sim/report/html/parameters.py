@@ -2,21 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from sma_sim.evidence.estimation.calibrate import Calibration
+from sma_sim.evidence.estimation.run_estimates import ParameterByRun, RunEstimate
 from sma_sim.evidence.estimation.uncertainty import Interval, Uncertainty
-from sma_sim.report.html.by_run import by_run_blocks
-from sma_sim.report.html.figures import log_axis, new_figure, small
+from sma_sim.report.html.figures import interval_bars, log_axis, new_figure, signed_map, small
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Section, Table
 from sma_sim.report.palette import BLUE, GREY, ORANGE
-from sma_sim.words.fit_remarks import remarks_on
+from sma_sim.words.fit_remarks import agreement_sentence, p_words, remarks_on
 
 MAX_RATIO = 3.0  # of an edge of an interval over the value: wider ones go beyond the figure
 PARAMETER_HEADER = ('parameter', 'value', '95 % interval', 'unit', 'as given', 'change')
 CALIBRATED = 'calibrated without'  # heading of the values of the same model before effects were added
+MAX_COLUMNS = 8  # recordings of a table; more are in the figure only
+MAX_DEVIATION = 5.0  # standard errors, at the end of the colours
+FIGURE_WORDS = (
+    'How far each recording is from all together, in standard errors, where one parameter at a time may have its own value '
+    'in every recording and the others are shared. Beyond 3 is rarely chance; empty: this recording does not determine it.'
+)
+NOTE = (
+    'Value and standard error of its difference from all together; p: how likely so much spread is if all have the same '
+    'value (Cochran\'s Q, the noise widened by what each recording leaves).'
+)
+ALONE_CAPTION = 'Each recording alone, all parameters its own, held by the priors of the fit (a step from the fit above)'
 
 
 def parameters_section(
@@ -80,16 +91,12 @@ def interval_figure(uncertainty: Uncertainty, before: Mapping[str, float]) -> ob
             mode='markers',
             name=name,
             marker={'color': colour, 'symbol': symbol, 'size': 9},
-            error_x={
-                'type': 'data',
-                'symmetric': False,
-                'color': colour,
-                'thickness': 1.6,
-                'array': [(interval.high - interval.value) / first for interval, first in part],
-                'arrayminus': [
-                    (interval.value - max(interval.low, 1e-3 * interval.value)) / first for interval, first in part
-                ],
-            },
+            error_x=interval_bars(
+                [(interval.high - interval.value) / first for interval, first in part],
+                [(interval.value - max(interval.low, 1e-3 * interval.value)) / first for interval, first in part],
+                colour,
+                thickness=1.6,
+            ),
             hovertemplate='%{y}: x%{x:.4g}<extra></extra>',
         )
     figure.add_vline(x=1.0, line={'color': GREY, 'dash': 'dot'})
@@ -110,20 +117,48 @@ def edges(interval: Interval) -> tuple[float, ...]:
 def correlation_figure(uncertainty: Uncertainty) -> object:
     """Correlation coefficients of the estimates."""
     names = [interval.name for interval in uncertainty.intervals]
-    figure = new_figure()
-    figure.add_heatmap(
-        x=names,
-        y=names,
-        z=small(np.array(uncertainty.correlation)),
-        zmin=-1,
-        zmax=1,
-        colorscale='RdBu',
-        xgap=1,
-        ygap=1,
-        colorbar={'thickness': 10, 'len': 0.9},
-        hovertemplate='%{x}, %{y}: %{z:.2f}<extra></extra>',
-    )
-    figure.update_xaxes(automargin=True, showgrid=False, tickangle=-50)
-    figure.update_yaxes(automargin=True, showgrid=False, autorange='reversed')
-    figure.update_layout(margin={'t': 12})
+    figure = signed_map(names, names, small(np.array(uncertainty.correlation)), 1.0, '%{x}, %{y}: %{z:.2f}<extra></extra>')
+    figure.update_xaxes(tickangle=-50)
+    return figure
+
+
+def by_run_blocks(found: Sequence[ParameterByRun]) -> list[Block]:
+    """The sentence, deviations as a figure, values as tables; nothing where there is one recording."""
+    if not agreement_sentence(found):
+        return []
+    blocks: list[Block] = [
+        Paragraph('Recording by recording:'),
+        Bullets([agreement_sentence(found)]),
+        Plot(deviation_figure(found), FIGURE_WORDS, 130 + 26 * len(found)),
+    ]
+    names = [run.run for run in found[0].runs]
+    if len(names) <= MAX_COLUMNS:
+        rows = [shared_row(parameter) for parameter in found]
+        alone = [(parameter.name, *map(alone_cell, parameter.runs), parameter.unit) for parameter in found]
+        blocks += [
+            Table(('parameter', 'all', *names, 'unit', 'p'), rows, 'Each recording, the other parameters shared'),
+            Paragraph(NOTE, 'note'),
+            Table(('parameter', *names, 'unit'), alone, ALONE_CAPTION),
+        ]
+    return blocks
+
+
+def shared_row(parameter: ParameterByRun) -> tuple[str, ...]:
+    """One parameter."""
+    cells = [f'{run.value:.5g} \u00b1 {run.std:.2g}' if run.seen else 'not determined' for run in parameter.runs]
+    p = p_words(parameter.p).removeprefix('p ').removeprefix('= ') if parameter.dof else ''
+    return parameter.name, f'{parameter.value:.5g}', *cells, parameter.unit, p
+
+
+def alone_cell(run: RunEstimate) -> str:
+    """What a recording alone says."""
+    return f'{run.value_alone:.4g} \u00b1 {run.std_alone:.2g}'
+
+
+def deviation_figure(found: Sequence[ParameterByRun]) -> object:
+    """Standard errors from all together, by parameter and recording."""
+    recordings, names = [run.run for run in found[0].runs], [parameter.name for parameter in found]
+    deviations = [[round(run.deviation, 2) if run.seen else None for run in parameter.runs] for parameter in found]
+    figure = signed_map(recordings, names, deviations, MAX_DEVIATION, '%{y}, %{x}: %{z:.1f}<extra></extra>')
+    figure.update_xaxes(type='category')
     return figure

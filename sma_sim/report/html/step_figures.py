@@ -13,7 +13,7 @@ from sma_sim.evidence.residual_analysis.compare import ComparedRun
 from sma_sim.evidence.residual_analysis.metrics import ChannelScore, error_over_noise
 from sma_sim.evidence.search.steps import CandidateFit
 from sma_sim.model.parameters import Parameter
-from sma_sim.report.html.figures import MEASURED, SHOWN, add_curve, envelope, log_axis, new_figure, small
+from sma_sim.report.html.figures import MEASURED, SHOWN, add_curve, envelope, interval_bars, log_axis, new_figure, small
 from sma_sim.report.html.page import Plot
 from sma_sim.report.palette import BLUE, GREY, ORANGE, PURPLE
 
@@ -82,19 +82,8 @@ def range_plot(parameter: Parameter, value: float, std: float) -> Plot:
             name='no effect',
             marker={'color': GREY, 'symbol': 'line-ns-open', 'size': 20, 'line': {'width': 2}},
         )
-    error = (
-        None
-        if math.isnan(std)
-        else {
-            'type': 'data',
-            'symmetric': False,
-            'array': [reach],
-            'thickness': 2,
-            'width': 6,
-            'color': BLUE,
-            'arrayminus': [min(reach, 0.99 * value) if wide else reach],
-        }
-    )
+    below = [min(reach, 0.99 * value) if wide else reach]
+    error = None if math.isnan(std) else interval_bars([reach], below, BLUE, thickness=2, width=6)
     figure.add_scatter(x=[value], y=[0], mode='markers', name='fitted', marker={'color': BLUE, 'size': 11}, error_x=error)
     figure.update_xaxes(title_text=f'{parameter.name} [{parameter.unit}]', nticks=6)
     if real is not None and wide:
