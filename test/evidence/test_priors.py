@@ -8,10 +8,11 @@ import yaml
 from simulated_data import config, dataset, scaled
 
 from sma_sim import Config, FitOptions, calibrate, read_config
-from sma_sim.evidence.estimation.free_parameters import choose_free
+from sma_sim.evidence.estimation.free_parameters import choose_free, free_parameter
 from sma_sim.evidence.estimation.plausibility import implausible_parameters
 from sma_sim.evidence.estimation.prepared_fit import started_from_curves
 from sma_sim.model.config import flat_parameters
+from sma_sim.model.effects.discovery import find_effects
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameter_file import parameter_file
 
@@ -79,6 +80,17 @@ def test_widths_by_kind():
     for name in names[1:]:
         assert free[name].value(free[name].high) / free[name].center == pytest.approx(math.exp(2.5)), name
         assert free[name].value(free[name].plausible) / free[name].center == pytest.approx(1.5), name
+
+
+def test_a_fit_reaches_all_realistic_values_of_every_effect():
+    """A fatigue that develops over hundreds of cycles was out of reach: another effect had to imitate the rest of it."""
+    for found in find_effects().values():
+        for declared in found.effect.parameters:
+            start = declared.default if declared.neutral is None else declared.neutral
+            free = free_parameter(declared.name, start, declared)
+            for end in declared.realistic or ():
+                if end > 0.0 or not free.log:
+                    assert free.low - 1e-9 <= free.coordinate(end) <= free.high + 1e-9, (found.effect.name, declared.name)
 
 
 def test_three_standard_deviations_of_what_is_known_are_plausible():

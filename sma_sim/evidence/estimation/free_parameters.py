@@ -138,7 +138,7 @@ def free_parameter(name: str, value: float, declared: Parameter, std: float | No
     """One parameter with its prior around `value`: relative where it is positive, else over its realistic range; wide for an
     instant.
 
-    `std` (SI): as well as the value is known; None: as well as such a value usually is.
+    `std` (SI): as well as the value is known; None: as well as such a value usually is, all realistic ones within bounds.
     """
     low, high = declared.bounds
     if declared.quantity == 'instant':
@@ -147,7 +147,10 @@ def free_parameter(name: str, value: float, declared: Parameter, std: float | No
     log = value > 0.0 and low >= 0.0 and declared.neutral is None
     if log:
         scale = default_width(name, declared) if std is None else std / value
-        reach = BOUND_STDS if std is not None or name in NARROW_PRIOR_STDS else REACH / scale
+        ends = declared.realistic if declared.realistic and std is None else ()
+        realistic = max((abs(math.log(end / value)) for end in ends if end > 0.0), default=0.0)
+        scale = max(scale, realistic / BOUND_STDS)
+        reach = BOUND_STDS if std is not None or name in NARROW_PRIOR_STDS else max(REACH, realistic) / scale
         plausible = GIVEN_STDS if std is not None else MAX_PRIOR_STDS if name in NARROW_PRIOR_STDS else PLAUSIBLE / scale
         bottom = max(-reach, math.log(low / value) / scale) if low > 0.0 else -reach
         top = min(reach, math.log(high / value) / scale)
