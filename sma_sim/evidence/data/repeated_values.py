@@ -10,8 +10,8 @@ from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
 
 from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.data.noise import Noise
@@ -97,7 +97,8 @@ def is_new(values: Vector, held: bool) -> NDArray[np.bool_]:
         count = last - first + 1
         returns = np.zeros(len(first), dtype=bool)
         returns[1:-1] = level[:-2] == level[2:]
-        at_edge = returns & (count < SHORT * maximum_filter1d(count, EDGE))
+        beside = sliding_window_view(np.pad(count, EDGE // 2), EDGE)
+        at_edge = returns & (count < SHORT * beside.max(axis=1))
         found[rows if held else rows[~at_edge]] = True
     return found
 

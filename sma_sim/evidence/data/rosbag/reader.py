@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from sma_sim.evidence.data.rosbag.cdr import decoded_together
 from sma_sim.evidence.data.rosbag.commands import UNLIMITED, CommandLimits, Times, in_force
@@ -231,6 +230,8 @@ def stamps_at(logs: Sequence[Times], known_log: Times, known_stamp: Times) -> tu
     A line through the pairs, and the median of what the pairs around deviate from it by: a late message moves nothing, and
     the map follows a clock that stops or changes its rate.
     """
+    from scipy.ndimage import median_filter  # only here: it takes long to import
+
     log_zero, stamp_zero = known_log[0], known_stamp[0]
     log, stamp = known_log - log_zero, (known_stamp - stamp_zero).astype(float)
     half = len(log) // 2
