@@ -141,11 +141,14 @@ def tuned(case: Challenge, seed: int, duration: float) -> tuple[float, float]:
     return min(finer, key=error)
 
 
-def controllers_of(models: dict[str, Config], limits: Limits) -> dict[str, Any]:
-    """Controllers with some models, which keep limits."""
+def controllers_of(models: dict[str, Config], limits: Limits, is_guarded: bool) -> dict[str, Any]:
+    """Controllers with some models, which keep limits, alone or with a guard behind them."""
     found: dict[str, Any] = {}
     for name, model in models.items():
-        config = model.variant({**limits, 'control.rate': RATE})
+        config = Config(
+            {**model.parameters, **limits, 'control.rate': RATE}, kinetics=model.kinetics, effects=model.effects,
+            settings={'control.behind_guard': is_guarded},
+        )  # fmt: skip
         found[f'feedforward, {name}'] = FeedforwardPI(config)
         found[f'predictive, {name}'] = PredictiveController(config)
     return found
@@ -174,7 +177,7 @@ def solve(seed: int, duration: float, pool: Executor) -> dict[str, Any]:
         ('binding', BINDING, BINDING),
         ('binding, no guard', BINDING, None),
     ):
-        controllers = {'PI': Alone(kp, ki, J_max), **controllers_of(models, limits)}
+        controllers = {'PI': Alone(kp, ki, J_max), **controllers_of(models, limits, guard is not None)}
         found[name] = {key: run_of(case, one, target, seed, duration, guard)._asdict() for key, one in controllers.items()}
     return {'effect': truth.library, 'kp': kp, 'ki': ki, 'runs': found}
 

@@ -10,7 +10,7 @@ import pytest
 ros_client = pytest.importorskip('ros_client', reason='rclpy is not installed', exc_type=ImportError)
 pytest.importorskip('trajectory_msgs.msg', reason='trajectory_msgs is not installed', exc_type=ImportError)
 from builtin_interfaces.msg import Duration  # noqa: E402
-from sensor_msgs.msg import JointState  # noqa: E402
+from sensor_msgs.msg import JointState, Temperature  # noqa: E402
 from std_msgs.msg import Float64  # noqa: E402
 from std_srvs.srv import SetBool  # noqa: E402
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint  # noqa: E402
@@ -25,8 +25,8 @@ class Loop(ros_client.Simulation):
 
     ended = False
 
-    def __init__(self, *words):
-        super().__init__('-p', 'node.real_time_factor:=0.5', '-p', 'model:=mas', topics=TOPICS)
+    def __init__(self, *words, watched=()):
+        super().__init__('-p', 'node.real_time_factor:=0.5', '-p', 'model:=mas', topics=(*TOPICS, *watched))
         self.control = subprocess.Popen(
             [sys.executable, '-m', CONTROLLER, '--ros-args', '-p', 'control.silence:=3.0', *words],
             env={'PYTHONPATH': str(ros_client.ROOT), **self.environment}, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
@@ -49,6 +49,12 @@ class Loop(ros_client.Simulation):
     def alpha(self):
         """The last angle [rad]."""
         return self.seen['joint_states'][-1].position[ALPHA]
+
+    @property
+    def time(self):
+        """The stamp of the last angle [s]."""
+        stamp = self.seen['joint_states'][-1].header.stamp
+        return stamp.sec + 1e-9 * stamp.nanosec
 
     def last(self, topic):
         """The last number on a topic, NaN before there was one."""
@@ -102,6 +108,22 @@ def test_heating_off_while_joint_states_stop():
         loop.ask(SetBool, 'sma_module_sim/pause', SetBool.Request(data=False))
         loop.until(lambda: loop.last('J_eq') > 1.0)
         assert 'no joint_states for 3 s' in loop.end()
+
+
+@pytest.mark.parametrize('law', ['predictive', 'feedforward'])
+def test_no_wire_burns_while_the_controller_does_not_go_on(law):
+    """The computer runs other things: a command of a target that is far stays in force until the heating times out."""
+    limit, simulated = 350.0, 3.0  # [K], [s]
+    with Loop('-p', 'control.target:=0.15', '-p', 'control.hold:=true', '-p', f'guard.T_max:={limit}',
+              '-p', f'control.law:={law}', watched=((Temperature, 'wire_1/temperature'),)) as loop:  # fmt: skip
+        loop.until(lambda: loop.last('J_eq_applied') > 1.0, ros_client.FIRST_MESSAGE)
+        loop.control.send_signal(signal.SIGSTOP)
+        begin = loop.time
+        loop.until(lambda: loop.time > begin + simulated)
+        hottest = max(message.temperature for message in loop.seen['wire_1/temperature']) + 273.15
+        assert 0.7 * (limit - 298.0) < hottest - 298.0 < limit - 298.0, hottest  # it was heated for long
+        loop.control.send_signal(signal.SIGCONT)
+        loop.end()
 
 
 def test_behind_a_guard_it_asks_for_its_command():

@@ -10,12 +10,10 @@ import numpy as np
 from sma_sim.evidence.control.pi import PI
 from sma_sim.evidence.control.plan import Planner, Target
 from sma_sim.evidence.state_estimation.estimate import RobotState
-from sma_sim.evidence.state_estimation.guard import heat_balance
 from sma_sim.model.argument_checks import as_kelvin, expect
 from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
-from sma_sim.model.system import commanded_heating
 from sma_sim.solver.columns import sample_columns
 from sma_sim.solver.fixed_rate import FixedRateRun
 from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS
@@ -86,6 +84,11 @@ class Feedforward:
         """Stresses of the model's wires at `time` (wires,) [Pa]."""
         return self._of_wires('sigma')
 
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Least and largest command [W], as of `Planner.bounds`."""
+        return self._planner.bounds(self.T_E)
+
     def _of_wires(self, name: str) -> Vector:
         rows = self._run.sample[sample_columns(self.model.structure).wires].reshape(-1, PER_WIRE)
         return np.array(rows[:, WIRE_COLUMNS.index(name)])
@@ -107,8 +110,7 @@ class FeedforwardPI:
 
     Its gains are ``control.kp`` and ``control.ki``. The robot is compared with what the model's sensor shows, not with the
     target: where the target is out of reach, within limits or as fast as wires cool, nothing winds up, and what effects do
-    to the sensor is no error. It adds no more to the command of the model than keeps the wires within ``guard.T_max`` for
-    ``guard.horizon``, by their heat balance under all that it has commanded.
+    to the sensor is no error. Both together command no more than `Planner.bounds`.
 
     Parameters and errors are those of `Feedforward`; `coordinate` is the name of what follows the target.
     """
@@ -117,13 +119,6 @@ class FeedforwardPI:
         self.feedforward, given = Feedforward(config), config.parameters
         self.coordinate = self.feedforward.coordinate
         self._law = PI(given['control.kp'], given['control.ki'], given['node.J_max'])
-        self._lowest = -self._law.limit if config.structure.structure.antagonistic else 0.0
-        self._T_max, self._horizon, self._silence = (given[f'guard.{name}'] for name in ('T_max', 'horizon', 'silence'))
-        wires, system = self.feedforward.model.wires, self.feedforward.model.compiled
-        self._per_watt = np.array(  # heating of a wire of each bundle by a command of 1 W, and of -1 W (2, wires)
-            [[commanded_heating(i, np.array([J, 0.0]), system) for i in range(wires)] for J in (1.0, -1.0)]
-        )
-        self._T, self._heating = np.full(wires, self._T_max), np.zeros(wires)  # as hot as they may be: nobody knows yet
         self._begin, self._before = math.nan, math.nan  # the times of the first step and of the last one
         self._shown, self._J_eq = 0.0, 0.0  # of the model, at its last step and from then on
 
@@ -171,24 +166,4 @@ class FeedforwardPI:
             self._J_eq = model.step(lambda times: target(begin + times))
         error, lasted = self._shown - measured, time - self._before
         self._before = time
-        low, high = self._limits(lasted)
-        J_eq = self._law(error, lasted, self._J_eq, low, high)
-        self._heating = np.maximum(J_eq * self._per_watt[0], -J_eq * self._per_watt[1])
-        return J_eq
-
-    def _limits(self, lasted: float) -> tuple[float, float]:
-        """Least and largest command [W], so many seconds after the one before; the next one may take as long to come.
-
-        What the model plans is for one period, in which wires that transform take more than their heat balance has room for.
-        """
-        wire, T_E = self.feedforward.model.wire, self.feedforward.T_E
-        T, risen = heat_balance(wire, self._T, T_E, lasted)
-        T = T + risen * self._heating
-        if lasted > self._silence:  # a gap, or a clock that was set: as much time may have passed as none
-            T = np.maximum(T, self._T)
-        self._T = T
-        planned = self._J_eq if lasted <= self._horizon else 0.0
-        T, rising = heat_balance(wire, self._T, T_E, max(self._horizon, lasted))
-        room, rise = np.maximum(self._T_max - T, 0.0), rising * self._per_watt
-        up, down = np.min(np.divide(room, rise, out=np.full_like(rise, math.inf), where=rise > 0.0), axis=1).tolist()
-        return max(min(-down, planned), self._lowest), max(up, planned)
+        return self._law(error, lasted, self._J_eq, *model.bounds)

@@ -20,6 +20,9 @@ with J_full = n lambda A_s (T_max - T_E), by steps of Gauss and Newton with the 
 with inequalities. They begin from the plan before. Where they leave an error, they begin once more from the best constant
 level: a wire between its transformations answers to no small change of its heating, so that derivatives alone do not show
 the way.
+
+A command stays in force until the next one comes, and a busy computer may make that late: more than J_full would burn a wire
+meanwhile. So where no guard is behind the controller, |J_j| <= J_full as well, with the least n lambda A_s that is probable.
 """
 
 from __future__ import annotations
@@ -33,6 +36,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from sma_sim.evidence.state_estimation.estimate import RobotState
+from sma_sim.evidence.state_estimation.uncertain import least_cooling
 from sma_sim.model.argument_checks import as_array
 from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import Config
@@ -190,7 +194,8 @@ class Planner:
         J_max = given['node.J_max']
         if not J_max > 0.0:
             raise UserError(f'node.J_max = {J_max:g} W: nothing can be moved; expected more than 0')
-        self._bounds = (-J_max if structure.antagonistic else 0.0, J_max)
+        self._antagonistic = structure.antagonistic
+        self._is_guarded, self._cooling = bool(config.settings['control.behind_guard']), least_cooling(config)
         w = wire_constants(given)
         hot = w.n * w.lambda_ * w.surface * (given['guard.T_max'] - given['environment.T_E'])
         self._full = min(hot, J_max) if hot > 0.0 else J_max
@@ -220,7 +225,7 @@ class Planner:
             weights=self._weights,
             smoothness=given['control.smoothness'] / self._full,
             before=float(self.levels[0]),
-            bounds=self._bounds,
+            bounds=self.bounds(start.T_E),
             limited=self._limited,
             limits=np.repeat([given['guard.T_max'], given['guard.stress_max']], len(start.T_std)) - margins,
         )
@@ -235,6 +240,13 @@ class Planner:
             raise SimulationError(f'system = {start.model.structure.name}: the model cannot run on under any command')
         self.levels = best.levels
         return float(best.levels[0])
+
+    def bounds(self, T_E: float) -> tuple[float, float]:
+        """Least and largest command [W]: without a guard behind it, one that may stay in force for ever."""
+        most = self._given['node.J_max']
+        if not self._is_guarded:
+            most = min(max(self._cooling * (self._given['guard.T_max'] - T_E), 0.0), most)
+        return (-most if self._antagonistic else 0.0), most
 
     def _wanted(self, target: Target, times: Vector) -> Vector:
         """What a target says at times (k,) [s]: values of the coordinate (k,), or one for all."""
@@ -261,7 +273,7 @@ class Planner:
 
         The coordinate is monotone in it, and the more a wire is heated, the hotter it gets and the more it is stressed.
         """
-        low, high = max(self._bounds[0], -self._full), self._full
+        low, high = np.clip(problem.bounds, -self._full, self._full).tolist()
         rises = problem.under_constant(high)[0] > problem.under_constant(low)[0]
         for _ in range(BISECTIONS):
             middle = 0.5 * (low + high)

@@ -64,6 +64,19 @@ def models_about(config: Config, free: tuple[FreeParameter, ...], z: Vector) -> 
     return Model(configured(config, free, z)), [Model(configured(config, free, one)) for one in moved]
 
 
+def least_cooling(config: Config) -> float:
+    """How much heating keeps a bundle 1 K above its surroundings at the least, n lambda A_s [W/K].
+
+    At the least: less ``guard.margin`` standard deviations of what is not known of it and of the power that reaches a wire.
+    """
+    free, given = uncertain_parameters(config), config.parameters
+    model, moved = models_about(config, free, np.zeros(len(free)))
+    cooling = np.array([one.wire.n * one.wire.lambda_ * one.wire.surface for one in (model, *moved)])
+    slopes = np.log(cooling[1:] / cooling[0]) / DELTA
+    std = np.sqrt(slopes @ prior_correlation(config, free) @ slopes + given['observer.power_std'] ** 2)
+    return float(cooling[0] * max(1.0 - given['guard.margin'] * std, 0.0))
+
+
 def channel_discrepancies(config: Config) -> Vector:
     """Standard deviations of what model and sensor of each channel differ by (channels,) [SI]."""
     return config.parameters['observer.discrepancy'] * np.array(channel_scales(config.structure.structure))
