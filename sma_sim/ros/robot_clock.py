@@ -7,7 +7,8 @@ from collections import deque
 WINDOW = 1.0  # [s] over which the pace is measured
 MIN_SPAN = 0.1  # [s] from which on it is: a late message counts for a tenth of it at the most
 INTERRUPTION = 0.1  # [s] between two samples from which on a robot has stopped, or was cut off: the pace is measured anew
-AHEAD = 0.5  # [s] by which a stamp may be ahead of what is expected, as that of a simulated clock may be
+AHEAD = 0.05  # [s] by which a stamp may be ahead of what is expected, at a pace of 1
+FIRST_AHEAD = 0.5  # [s] by which it may while the pace is not measured, in the robot's time
 
 Reading = tuple[float, float]  # a stamp [s], and when it arrived by the clock of this computer [s]
 
@@ -17,7 +18,9 @@ class RobotClock:
 
     A simulator with a real-time factor of 3 makes three seconds of its time in one, and a wire heats up three times as far
     in it; a robot that is slower than a clock is taken for one that is not, so that no command stays in force for longer.
-    No sample arrives before it is made, so the clock is that of the sample that was on its way for the shortest time.
+    No sample arrives before it is made, so the clock is that of the sample that was on its way for the shortest time. One
+    that is ahead of it shows that the clock was set, if it is so much ahead of the sample before as well: a simulator may
+    make much of its time at once, but makes samples all along.
     """
 
     def __init__(self) -> None:
@@ -31,7 +34,9 @@ class RobotClock:
         readings, jump = self._readings, 0.0
         if readings:
             (last, heard), ahead = readings[-1], stamp - self.at(arrival)
-            if stamp < last or ahead > AHEAD + self._cut_off:
+            between = stamp - last - self.pace * (arrival - heard)
+            usual = AHEAD * self.pace if heard - readings[0][1] >= MIN_SPAN else FIRST_AHEAD
+            if stamp < last or min(ahead, between) > usual + self._cut_off:
                 jump = ahead
             if arrival - heard > INTERRUPTION:
                 self._cut_off = arrival - heard

@@ -94,7 +94,7 @@ def test_samples_are_skipped_where_they_come_too_fast():
         assert code == 0 and 'Traceback' not in log, log
 
 
-@pytest.mark.parametrize('jump', [-500.0, -5.0, 500.0])
+@pytest.mark.parametrize('jump', [-500.0, -5.0, 0.3, 500.0])
 def test_what_is_known_of_the_wires_stays_where_a_clock_is_set(jump):
     """A wire is as hot as before. An observer that took the robot to be at rest let a guard heat it by 50 K too far."""
     with ros_client.Simulation(topics=TOPICS, module='sma_sim.ros.observer_main') as one:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sma_sim.ros.robot_clock import AHEAD, WINDOW, RobotClock
+from sma_sim.ros.robot_clock import FIRST_AHEAD, WINDOW, RobotClock
 
 
 def heard(clock, stamps, arrivals):
@@ -28,12 +28,28 @@ def test_a_robot_that_is_slower_than_a_clock_counts_as_one():
     assert clock.at(made[-1] + 0.1) >= 0.3 * (made[-1] + 0.1)
 
 
-@pytest.mark.parametrize('jump', [-500.0, -5.0, -0.3, 1.0, 5.0, 500.0])
+@pytest.mark.parametrize('jump', [-500.0, -5.0, -0.3, 0.06, 0.3, 1.0, 5.0, 500.0])
 def test_a_clock_that_is_set_is_told_once(jump):
     clock, made = RobotClock(), np.arange(0.0, 4.0, 0.01)
     jumps = heard(clock, 1000.0 + made + jump * (made >= 2.0), made)
     assert np.flatnonzero(jumps).tolist() == [200] and jumps[200] == pytest.approx(jump, abs=1e-6)
     assert clock.pace == pytest.approx(1.0) and clock.at(5.0) == pytest.approx(1005.0 + jump)
+
+
+@pytest.mark.parametrize('at_once', [0.02, 0.08, 0.3])
+def test_time_that_a_simulator_makes_at_once_is_no_jump(at_once):
+    """It follows a clock that moves rarely, by as many steps as that asks for, and shows each; a tenth of them is lost."""
+    clock, made = RobotClock(), np.arange(0.0, 4.0, 0.01)
+    arrivals = np.ceil((made + 1e-9) / at_once) * at_once + 1e-4 * np.arange(len(made))
+    kept = np.random.default_rng(2).random(len(made)) > 0.1
+    assert not any(heard(clock, made[kept], arrivals[kept]))
+
+
+def test_a_robot_that_goes_on_at_another_pace_is_followed():
+    clock, made = RobotClock(), np.arange(0.0, 3.0, 0.01)
+    stamps = np.where(made < 1.0, made, 1.0 + 20.0 * (made - 1.0))
+    assert sum(heard(clock, stamps, made)) < 1.0 and clock.pace == pytest.approx(20.0, rel=0.01)
+    assert clock.at(made[-1]) == pytest.approx(stamps[-1], abs=0.1)
 
 
 def test_what_an_interruption_has_held_back_is_no_jump():
@@ -43,7 +59,7 @@ def test_what_an_interruption_has_held_back_is_no_jump():
     kept = (made < 2.5) | (made > 3.5)
     assert not any(heard(clock, 70.0 + made[kept], arrivals[kept]))
     assert clock.at(8.0) == pytest.approx(78.0)
-    assert clock.hear(79.0 + 2.0 * AHEAD, 8.0) == pytest.approx(1.0 + 2.0 * AHEAD)  # held back is nothing any more
+    assert clock.hear(79.0 + FIRST_AHEAD, 8.0) == pytest.approx(1.0 + FIRST_AHEAD)  # held back is nothing any more
 
 
 def test_a_pause_of_the_robot_is_no_jump():
