@@ -124,6 +124,6 @@ def truths() -> Mapping[str, Truth]:
     found: dict[str, Truth] = {}
     for module in pkgutil.iter_modules(package.__path__):
         member = importlib.import_module(f'{package.__name__}.{module.name}')
-        for truth in member.TRUTHS:
+        for truth in getattr(member, 'TRUTHS', None) or (member.TRUTH,):
             found[truth.name] = truth
     return MappingProxyType(found)

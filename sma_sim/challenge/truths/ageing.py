@@ -20,4 +20,4 @@ EFFECT = Effect(
     kernel=lambda s, w, p, m: (-m.s, -m.s),
     energy='does not enter',
 )
-TRUTHS = (simulated_truth(EFFECT, variables=('T', 'memory')),)
+TRUTH = simulated_truth(EFFECT, variables=('T', 'memory'))

@@ -18,12 +18,6 @@ EFFECT = Effect(
     parameters=(drawn_parameter('rise', 'K', 0.3, 5.0, 'temperature by which the room warms in 100 s'),),
     kernel=lambda s, w, p: w.lambda_ * 2.0 * math.sqrt(math.pi * w.section) * w.l0 * p.rise * s.t / PERIOD,
 )
-TRUTHS = (
-    simulated_truth(
-        EFFECT,
-        library='ambient_drift',
-        variables=('t',),
-        listed=lambda p, of: {'c': p['rise'] / PERIOD},
-        signed=('rise',),
-    ),
+TRUTH = simulated_truth(
+    EFFECT, library='ambient_drift', variables=('t',), listed=lambda p, of: {'c': p['rise'] / PERIOD}, signed=('rise',)
 )

@@ -20,11 +20,9 @@ EFFECT = Effect(
     rate=lambda s, w, p, m: ((w.n * w.lambda_ * w.surface * (s.T - s.T_E - m.theta) - p.G * m.theta) / p.C,),
     kernel=lambda s, w, p, m: w.lambda_ * w.surface * m.theta,
 )
-TRUTHS = (
-    simulated_truth(
-        EFFECT,
-        library='ambient_heating',
-        variables=('T', 'memory'),
-        listed=lambda p, of: {'R': 1.0 / p['G'], 'tau': p['C'] / p['G']},
-    ),
+TRUTH = simulated_truth(
+    EFFECT,
+    library='ambient_heating',
+    variables=('T', 'memory'),
+    listed=lambda p, of: {'R': 1.0 / p['G'], 'tau': p['C'] / p['G']},
 )

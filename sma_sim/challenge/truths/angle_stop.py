@@ -30,4 +30,4 @@ EFFECT = Effect(
     ),
     kernel=stop_moment,
 )
-TRUTHS = (simulated_truth(EFFECT, variables=('alpha',), signed=('a',)),)
+TRUTH = simulated_truth(EFFECT, variables=('alpha',), signed=('a',))

@@ -27,11 +27,6 @@ EFFECT = Effect(
     kernel=clamp_strain,
     energy='the work that the clamps store and give back does not enter',
 )
-TRUTHS = (
-    simulated_truth(
-        EFFECT,
-        library='attachment_compliance',
-        variables=('sigma',),
-        listed=lambda p, of: {'C': of['wire.n'] / p['k_c']},
-    ),
+TRUTH = simulated_truth(
+    EFFECT, library='attachment_compliance', variables=('sigma',), listed=lambda p, of: {'C': of['wire.n'] / p['k_c']}
 )

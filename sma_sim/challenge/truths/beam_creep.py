@@ -40,11 +40,9 @@ EFFECT = Effect(
     rate=forget,
     kernel=lambda s, b, p, m: (m.f_x, m.f_y, m.f_alpha),
 )
-TRUTHS = (
-    simulated_truth(
-        EFFECT,
-        library='beam_creep',
-        variables=('U_x', 'U_y', 'alpha', 'memory'),
-        listed=lambda p, of: {'phi': p['c'] / (1.0 + p['c']), 'tau': p['tau_c'] / (1.0 + p['c'])},
-    ),
+TRUTH = simulated_truth(
+    EFFECT,
+    library='beam_creep',
+    variables=('U_x', 'U_y', 'alpha', 'memory'),
+    listed=lambda p, of: {'phi': p['c'] / (1.0 + p['c']), 'tau': p['tau_c'] / (1.0 + p['c'])},
 )

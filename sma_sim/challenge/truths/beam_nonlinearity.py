@@ -29,11 +29,6 @@ EFFECT = Effect(
     parameters=(drawn_parameter('c', '-', 0.1, 1.0, 'part of the foreshortening that the support does not take up'),),
     kernel=added_force,
 )
-TRUTHS = (
-    simulated_truth(
-        EFFECT,
-        library='beam_nonlinearity',
-        variables=('U_x', 'U_y', 'alpha'),
-        listed=lambda p, of: {'b': 0.0, 'c': p['c']},
-    ),
+TRUTH = simulated_truth(
+    EFFECT, library='beam_nonlinearity', variables=('U_x', 'U_y', 'alpha'), listed=lambda p, of: {'b': 0.0, 'c': p['c']}
 )

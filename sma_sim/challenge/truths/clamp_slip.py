@@ -27,4 +27,4 @@ EFFECT = Effect(
     kernel=lambda s, w, p: p.way / w.l0 * slipped(s.t, p.t_slip) if s.wire < 0.5 else 0.0,
     energy='the work of the way is lost in the clamp',
 )
-TRUTHS = (simulated_truth(EFFECT, library='clamp_slip', variables=('t', 'wire')),)
+TRUTH = simulated_truth(EFFECT, library='clamp_slip', variables=('t', 'wire'))

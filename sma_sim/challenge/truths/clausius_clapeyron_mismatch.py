@@ -15,11 +15,9 @@ EFFECT = Effect(
     kernel=lambda s, w, p: (p.excess * w.sigma_T * (s.T - 310.0), 0.0),
     energy='latent heat stays that of sigma_MW',
 )
-TRUTHS = (
-    simulated_truth(
-        EFFECT,
-        library='clausius_clapeyron_mismatch',
-        variables=('T',),
-        listed=lambda p, of: {'delta': p['excess'] * of['wire.sigma_T']},
-    ),
+TRUTH = simulated_truth(
+    EFFECT,
+    library='clausius_clapeyron_mismatch',
+    variables=('T',),
+    listed=lambda p, of: {'delta': p['excess'] * of['wire.sigma_T']},
 )

@@ -15,12 +15,10 @@ def counted_frames(time: Vector, channels: Channels, p: Values) -> dict[str, Vec
     return {name: np.interp(seen, time, values) for name, values in channels.items()}
 
 
-TRUTHS = (
-    sensor_truth(
-        'truth_clock_skew',
-        counted_frames,
-        drawn_parameter('excess', '-', 5e-4, 1e-2, 'frames in a second beyond what the file says, over them'),
-        library='clock_skew',
-        variables=('t', 'value'),
-    ),
+TRUTH = sensor_truth(
+    'truth_clock_skew',
+    counted_frames,
+    drawn_parameter('excess', '-', 5e-4, 1e-2, 'frames in a second beyond what the file says, over them'),
+    library='clock_skew',
+    variables=('t', 'value'),
 )

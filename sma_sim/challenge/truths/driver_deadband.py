@@ -15,11 +15,6 @@ EFFECT = Effect(
     stage='deadband',
     kernel=lambda s, w, p: max(w.n * s.J - p.P_q, 0.0) / w.n,
 )
-TRUTHS = (
-    simulated_truth(
-        EFFECT,
-        library='driver_deadband',
-        variables=('J',),
-        listed=lambda p, of: {'J_d': p['P_q'] / of['wire.n']},
-    ),
+TRUTH = simulated_truth(
+    EFFECT, library='driver_deadband', variables=('J',), listed=lambda p, of: {'J_d': p['P_q'] / of['wire.n']}
 )

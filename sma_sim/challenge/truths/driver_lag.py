@@ -22,11 +22,6 @@ EFFECT = Effect(
     rate=lambda s, w, p, m: (LN_9 * (s.J - m.P) / p.t_r,),
     kernel=lambda s, w, p, m: m.P,
 )
-TRUTHS = (
-    simulated_truth(
-        EFFECT,
-        library='driver_lag',
-        variables=('J', 'memory'),
-        listed=lambda p, of: {'tau': p['t_r'] / LN_9, 'rise': 0.0},
-    ),
+TRUTH = simulated_truth(
+    EFFECT, library='driver_lag', variables=('J', 'memory'), listed=lambda p, of: {'tau': p['t_r'] / LN_9, 'rise': 0.0}
 )

@@ -19,4 +19,4 @@ EFFECT = Effect(
     ),
     kernel=lambda s, w, p: -p.q * math.exp(-(((s.T - p.T_d) / 5.0) ** 2)),
 )
-TRUTHS = (simulated_truth(EFFECT, variables=('T',)),)
+TRUTH = simulated_truth(EFFECT, variables=('T',))

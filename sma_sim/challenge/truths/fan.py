@@ -19,4 +19,4 @@ EFFECT = Effect(
     ),
     kernel=lambda s, w, p: -p.h * w.surface * (s.T - s.T_E) * 0.5 * (1.0 + math.tanh((s.t - p.t_on) / 0.3)),
 )
-TRUTHS = (simulated_truth(EFFECT, variables=('t', 'T')),)
+TRUTH = simulated_truth(EFFECT, variables=('t', 'T'))

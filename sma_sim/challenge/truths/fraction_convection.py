@@ -14,4 +14,4 @@ EFFECT = Effect(
     parameters=(drawn_parameter('h', 'W/(m^2 K)', 30.0, 300.0, 'coefficient that martensite adds'),),
     kernel=lambda s, w, p: -p.h * w.surface * s.x * (s.T - s.T_E),
 )
-TRUTHS = (simulated_truth(EFFECT, variables=('x', 'T')),)
+TRUTH = simulated_truth(EFFECT, variables=('x', 'T'))

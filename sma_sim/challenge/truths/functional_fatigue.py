@@ -43,12 +43,10 @@ PLATEAUS = Effect(
     kernel=lambda s, w, p, m: (-p.s_inf * m.z, -p.s_inf * m.z),
     energy='does not enter',
 )
-TRUTHS = (
-    simulated_truth(
-        EFFECT,
-        PLATEAUS,
-        library='functional_fatigue',
-        variables=('dx', 'memory'),
-        listed=lambda p, of: {'eps_r': p['e_inf'], 'sigma_r': p['s_inf'], 'z_r': p['N']},
-    ),
+TRUTH = simulated_truth(
+    EFFECT,
+    PLATEAUS,
+    library='functional_fatigue',
+    variables=('dx', 'memory'),
+    listed=lambda p, of: {'eps_r': p['e_inf'], 'sigma_r': p['s_inf'], 'z_r': p['N']},
 )

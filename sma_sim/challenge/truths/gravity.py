@@ -25,15 +25,13 @@ EFFECT = Effect(
         0.0,
     ),
 )
-TRUTHS = (
-    simulated_truth(
-        EFFECT,
-        library='gravity',
-        variables=('constant',),
-        listed=lambda p, of: {
-            'g_x': -p['share'] * STANDARD_GRAVITY * math.cos(p['lean']),
-            'g_y': p['share'] * STANDARD_GRAVITY * math.sin(p['lean']),
-        },
-        signed=('lean',),
-    ),
+TRUTH = simulated_truth(
+    EFFECT,
+    library='gravity',
+    variables=('constant',),
+    listed=lambda p, of: {
+        'g_x': -p['share'] * STANDARD_GRAVITY * math.cos(p['lean']),
+        'g_y': p['share'] * STANDARD_GRAVITY * math.sin(p['lean']),
+    },
+    signed=('lean',),
 )

@@ -19,11 +19,4 @@ EFFECT = Effect(
     ),
     kernel=lambda s, w, p: p.mu * s.F * s.v / math.sqrt(s.v**2 + p.v_c**2),
 )
-TRUTHS = (
-    simulated_truth(
-        EFFECT,
-        library='guide_friction',
-        variables=('v', 'F'),
-        listed=lambda p, of: {'mu': p['mu']},
-    ),
-)
+TRUTH = simulated_truth(EFFECT, library='guide_friction', variables=('v', 'F'), listed=lambda p, of: {'mu': p['mu']})

@@ -20,4 +20,4 @@ EFFECT = Effect(
     ),
     kernel=lambda s, b, p: (0.0, 0.0, -p.M_0 * math.sin(2.0 * math.pi * (s.alpha - p.alpha_0) / p.period)),
 )
-TRUTHS = (simulated_truth(EFFECT, variables=('alpha',)),)
+TRUTH = simulated_truth(EFFECT, variables=('alpha',))

@@ -29,12 +29,6 @@ EFFECT = Effect(
     rate=lambda s, w, p, m: ((enthalpy(s, w, p.f) - m.z) / FOLLOWS,),
     kernel=lambda s, w, p, m: (m.z - enthalpy(s, w, p.f)) / FOLLOWS,
 )
-TRUTHS = (
-    simulated_truth(
-        EFFECT,
-        library='heat_capacity_difference',
-        variables=('x', 'T'),
-        listed=lambda p, of: {'r': p['f']},
-        signed=('f',),
-    ),
+TRUTH = simulated_truth(
+    EFFECT, library='heat_capacity_difference', variables=('x', 'T'), listed=lambda p, of: {'r': p['f']}, signed=('f',)
 )

@@ -19,4 +19,4 @@ EFFECT = Effect(
     ),
     kernel=lambda s, w, p: (1.0 - s.wire) * p.q * 0.5 * (1.0 + math.tanh(8.0 * math.sin(2.0 * math.pi * s.t / p.period))),
 )
-TRUTHS = (simulated_truth(EFFECT, variables=('t', 'wire')),)
+TRUTH = simulated_truth(EFFECT, variables=('t', 'wire'))

@@ -19,11 +19,4 @@ EFFECT = Effect(
     ),
     kernel=lambda s, b, p: (0.0, 0.0, -p.M_c * s.dalpha / math.sqrt(s.dalpha**2 + p.w_c**2)),
 )
-TRUTHS = (
-    simulated_truth(
-        EFFECT,
-        library='joint_friction',
-        variables=('dalpha',),
-        listed=lambda p, of: {'M_c': p['M_c']},
-    ),
-)
+TRUTH = simulated_truth(EFFECT, library='joint_friction', variables=('dalpha',), listed=lambda p, of: {'M_c': p['M_c']})

@@ -23,12 +23,6 @@ EFFECT = Effect(
         p.f * w.volume * s.T * w.sigma_T * (w.eps_T + w.d * (w.sigma_MW0 + w.sigma_T * (s.T - w.T0))) * (s.x - m.z) / FOLLOWS
     ),
 )
-TRUTHS = (
-    simulated_truth(
-        EFFECT,
-        library='latent_heat_scale',
-        variables=('dx',),
-        listed=lambda p, of: {'k': 1.0 + p['f']},
-        signed=('f',),
-    ),
+TRUTH = simulated_truth(
+    EFFECT, library='latent_heat_scale', variables=('dx',), listed=lambda p, of: {'k': 1.0 + p['f']}, signed=('f',)
 )

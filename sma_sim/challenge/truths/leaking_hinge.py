@@ -21,4 +21,4 @@ EFFECT = Effect(
     rate=lambda s, b, p, m: (s.dalpha - abs(s.dalpha) * m.z / p.z_c - m.z / p.tau,),
     kernel=lambda s, b, p, m: (0.0, 0.0, -p.M_c * m.z / p.z_c),
 )
-TRUTHS = (simulated_truth(EFFECT, variables=('dalpha', 'memory')),)
+TRUTH = simulated_truth(EFFECT, variables=('dalpha', 'memory'))

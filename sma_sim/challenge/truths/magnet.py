@@ -22,4 +22,4 @@ EFFECT = Effect(
         -p.M_0 * ((s.alpha - p.alpha_0) / p.w) / (1.0 + ((s.alpha - p.alpha_0) / p.w) ** 2) ** 2,
     ),
 )
-TRUTHS = (simulated_truth(EFFECT, variables=('alpha',)),)
+TRUTH = simulated_truth(EFFECT, variables=('alpha',))

@@ -19,11 +19,9 @@ EFFECT = Effect(
         -p.h_50 * (abs(s.T - s.T_E) / 50.0) ** p.m * (0.5 * (s.T + s.T_E) / 323.0) ** 0.8 * w.surface * (s.T - s.T_E)
     ),
 )
-TRUTHS = (
-    simulated_truth(
-        EFFECT,
-        library='natural_convection',
-        variables=('T',),
-        listed=lambda p, of: {'k': p['h_50'] / 50.0 ** p['m'], 'm': p['m']},
-    ),
+TRUTH = simulated_truth(
+    EFFECT,
+    library='natural_convection',
+    variables=('T',),
+    listed=lambda p, of: {'k': p['h_50'] / 50.0 ** p['m'], 'm': p['m']},
 )

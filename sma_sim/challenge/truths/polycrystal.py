@@ -21,11 +21,4 @@ EFFECT = Effect(
     ),
     energy='latent heat at the shifted stress',
 )
-TRUTHS = (
-    simulated_truth(
-        EFFECT,
-        library='polycrystal',
-        variables=('x',),
-        listed=lambda p, of: {'spread': p['H']},
-    ),
-)
+TRUTH = simulated_truth(EFFECT, library='polycrystal', variables=('x',), listed=lambda p, of: {'spread': p['H']})

@@ -15,11 +15,6 @@ EFFECT = Effect(
     stage='gain',
     kernel=lambda s, w, p: s.J / (1.0 + p.r * s.wire),
 )
-TRUTHS = (
-    simulated_truth(
-        EFFECT,
-        library='power_gain_mismatch',
-        variables=('J', 'wire'),
-        listed=lambda p, of: {'ratio': 1.0 + p['r']},
-    ),
+TRUTH = simulated_truth(
+    EFFECT, library='power_gain_mismatch', variables=('J', 'wire'), listed=lambda p, of: {'ratio': 1.0 + p['r']}
 )

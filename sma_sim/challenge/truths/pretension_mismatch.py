@@ -15,12 +15,10 @@ EFFECT = Effect(
     kernel=lambda s, w, p: s.eps + 1.0 - s.length / (w.l0 - (1.0 - 2.0 * s.wire) * p.d),
     energy='does not enter',
 )
-TRUTHS = (
-    simulated_truth(
-        EFFECT,
-        library='pretension_mismatch',
-        variables=('constant',),
-        listed=lambda p, of: {'delta': -2.0 * p['d'] / of['wire.l0']},
-        signed=('d',),
-    ),
+TRUTH = simulated_truth(
+    EFFECT,
+    library='pretension_mismatch',
+    variables=('constant',),
+    listed=lambda p, of: {'delta': -2.0 * p['d'] / of['wire.l0']},
+    signed=('d',),
 )

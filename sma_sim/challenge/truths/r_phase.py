@@ -34,4 +34,4 @@ EFFECT = Effect(
     kernel=both_shifts,
     energy='the heat of A -> R itself is left out',
 )
-TRUTHS = (simulated_truth(EFFECT, library='r_phase', variables=('T',)),)
+TRUTH = simulated_truth(EFFECT, library='r_phase', variables=('T',))

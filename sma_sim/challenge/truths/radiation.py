@@ -18,11 +18,6 @@ EFFECT = Effect(
         -(1.0 - p.reflectivity) * SIGMA_SB * (s.T**2 + s.T_E**2) * (s.T + s.T_E) * w.surface * (s.T - s.T_E)
     ),
 )
-TRUTHS = (
-    simulated_truth(
-        EFFECT,
-        library='radiation',
-        variables=('T',),
-        listed=lambda p, of: {'emissivity': 1.0 - p['reflectivity']},
-    ),
+TRUTH = simulated_truth(
+    EFFECT, library='radiation', variables=('T',), listed=lambda p, of: {'emissivity': 1.0 - p['reflectivity']}
 )

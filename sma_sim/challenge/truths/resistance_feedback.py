@@ -22,14 +22,12 @@ EFFECT = Effect(
         s.J * ((RHO_A * (1.0 - s.x) + p.rho_M * s.x + p.b * (s.T - 298.0)) / (0.5 * (RHO_A + p.rho_M)) - 1.0)
     ),
 )
-TRUTHS = (
-    simulated_truth(
-        EFFECT,
-        library='resistance_feedback',
-        variables=('J', 'x', 'T'),
-        listed=lambda p, of: {
-            'r': (p['rho_M'] - RHO_A) / (0.5 * (RHO_A + p['rho_M'])),
-            'a': p['b'] / (0.5 * (RHO_A + p['rho_M'])),
-        },
-    ),
+TRUTH = simulated_truth(
+    EFFECT,
+    library='resistance_feedback',
+    variables=('J', 'x', 'T'),
+    listed=lambda p, of: {
+        'r': (p['rho_M'] - RHO_A) / (0.5 * (RHO_A + p['rho_M'])),
+        'a': p['b'] / (0.5 * (RHO_A + p['rho_M'])),
+    },
 )

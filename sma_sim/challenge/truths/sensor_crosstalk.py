@@ -17,13 +17,11 @@ def tilted_axes(time: Vector, channels: Channels, p: Values) -> dict[str, Vector
     return {'F_1': seen[0], 'F_2': seen[1]}
 
 
-TRUTHS = (
-    sensor_truth(
-        'truth_sensor_crosstalk',
-        tilted_axes,
-        drawn_parameter('tilt', 'rad', 0.02, 0.15, 'angle between the axis of a load cell and that of its bundle'),
-        library='sensor_crosstalk',
-        variables=('value',),
-        signed=('tilt',),
-    ),
+TRUTH = sensor_truth(
+    'truth_sensor_crosstalk',
+    tilted_axes,
+    drawn_parameter('tilt', 'rad', 0.02, 0.15, 'angle between the axis of a load cell and that of its bundle'),
+    library='sensor_crosstalk',
+    variables=('value',),
+    signed=('tilt',),
 )

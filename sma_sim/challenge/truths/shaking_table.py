@@ -19,4 +19,4 @@ EFFECT = Effect(
     ),
     kernel=lambda s, b, p: (0.0, p.F_0 * math.sin(2.0 * math.pi * p.f * s.t), 0.0),
 )
-TRUTHS = (simulated_truth(EFFECT, variables=('t',)),)
+TRUTH = simulated_truth(EFFECT, variables=('t',))

@@ -28,4 +28,4 @@ EFFECT = Effect(
     parameters=(drawn_parameter('F_s', 'N', 0.005, 0.05, 'spread of the force of one wire in the bundle'),),
     kernel=added_force,
 )
-TRUTHS = (simulated_truth(EFFECT, library='slack', variables=('F',), T_E=266.0),)
+TRUTH = simulated_truth(EFFECT, library='slack', variables=('F',), T_E=266.0)

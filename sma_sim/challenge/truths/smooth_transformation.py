@@ -18,11 +18,6 @@ EFFECT = Effect(
     kernel=lambda s, w, p: (p.a * (s.x * s.x - 1.0 / 3.0), p.b * (1.0 / 3.0 - (1.0 - s.x) * (1.0 - s.x))),
     energy='latent heat at the shifted stress',
 )
-TRUTHS = (
-    simulated_truth(
-        EFFECT,
-        library='smooth_transformation',
-        variables=('x',),
-        listed=lambda p, of: {'width_A': p['a'], 'width_M': p['b']},
-    ),
+TRUTH = simulated_truth(
+    EFFECT, library='smooth_transformation', variables=('x',), listed=lambda p, of: {'width_A': p['a'], 'width_M': p['b']}
 )

@@ -15,11 +15,6 @@ EFFECT = Effect(
     stage='saturation',
     kernel=lambda s, w, p: s.J / (1.0 + (w.n * s.J / p.P_max) ** 4) ** 0.25,
 )
-TRUTHS = (
-    simulated_truth(
-        EFFECT,
-        library='driver_saturation',
-        variables=('J',),
-        listed=lambda p, of: {'r': of['wire.n'] / p['P_max'], 'p': 2.0},
-    ),
+TRUTH = simulated_truth(
+    EFFECT, library='driver_saturation', variables=('J',), listed=lambda p, of: {'r': of['wire.n'] / p['P_max'], 'p': 2.0}
 )

@@ -20,4 +20,4 @@ EFFECT = Effect(
     stage='gain',
     kernel=lambda s, w, p: s.J * (1.0 - p.sag * (1.0 - math.exp(-max(s.t, 0.0) / p.tau))),
 )
-TRUTHS = (simulated_truth(EFFECT, variables=('t', 'J')),)
+TRUTH = simulated_truth(EFFECT, variables=('t', 'J'))

@@ -30,4 +30,4 @@ EFFECT = Effect(
     parameters=(drawn_parameter('k', 'W/(m K)', 0.06, 0.8, 'effective conductivity of what lies between the bundles'),),
     kernel=conducted,
 )
-TRUTHS = (simulated_truth(EFFECT, library='thermal_crosstalk', variables=('T_other', 'T')),)
+TRUTH = simulated_truth(EFFECT, library='thermal_crosstalk', variables=('T_other', 'T'))

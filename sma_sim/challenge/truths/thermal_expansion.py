@@ -18,11 +18,9 @@ EFFECT = Effect(
     kernel=lambda s, w, p: (p.a_A * (1.0 - s.x) + p.a_M * s.x) * (s.T - 298.0),
     energy='does not enter',
 )
-TRUTHS = (
-    simulated_truth(
-        EFFECT,
-        library='thermal_expansion',
-        variables=('T', 'x'),
-        listed=lambda p, of: {'a': p['a_A'], 'da': p['a_M'] - p['a_A'], 'T_ref': 298.0},
-    ),
+TRUTH = simulated_truth(
+    EFFECT,
+    library='thermal_expansion',
+    variables=('T', 'x'),
+    listed=lambda p, of: {'a': p['a_A'], 'da': p['a_M'] - p['a_A'], 'T_ref': 298.0},
 )

@@ -21,4 +21,4 @@ EFFECT = Effect(
     rate=lambda s, b, p, m: ((0.5 * (s.T + s.T_other) - s.T_E - m.theta) / p.tau,),
     kernel=lambda s, b, p, m: stiffness_forces(s.U_x, s.U_y, s.alpha, b, p.c * m.theta),
 )
-TRUTHS = (simulated_truth(EFFECT, variables=('alpha', 'T', 'memory')),)
+TRUTH = simulated_truth(EFFECT, variables=('alpha', 'T', 'memory'))
