@@ -1,5 +1,8 @@
 """Figures of runs and recordings: drawn from whatever columns there are, refused where there is nothing to draw."""
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -8,12 +11,14 @@ from sma_sim.cli.main import main
 from sma_sim.evidence.data.tables import read_columns
 from sma_sim.model.structures.geometry import shape_of
 from sma_sim.report.error_reduction_figure import draw_error_reduction
-from sma_sim.report.module_figure import draw_module
 from sma_sim.report.palette import MODE_COLOURS, MODE_NAMES
 from sma_sim.report.run_figure import draw_run
-from sma_sim.report.structure_figure import draw_structures, pose_of
 from sma_sim.solver.fixed_rate import FixedRateRun
 from sma_sim.solver.inputs import inputs_at
+
+sys.path[:0] = [str(Path(__file__).resolve().parents[2] / folder) for folder in ('docs', 'examples')]
+from draw_module import draw_module  # noqa: E402
+from make_structures import draw_structures, pose_of  # noqa: E402
 
 
 @pytest.fixture(scope='module')
