@@ -7,8 +7,10 @@ every second one a hidden effect. It is observed at 50 Hz with pose and forces, 
 which is told how well they are known. The guard keeps clear of limits by --margin standard deviations.
 Commands are adversarial: full power in either direction, for long, in bursts, switched to and fro; every third robot is
 commanded gently, so that no limit comes near. Reported are the largest excesses over the limits, and the stroke (mean
-|alpha|) that is lost: of safe commands against no guard, of others against a guard that knows the true state. With --hot
-observer and guard start beside a robot whose wire was heated with full power to 1 K below the limit, and goes on to be.
+|alpha|) that is lost: of safe commands against no guard, of others against a guard that knows the true state. So is what a
+guard loses that knows all but the scale of T - T_E, which pose and forces do not tell, and keeps all such robots below
+T_MAX + 2 K. With --hot observer and guard start beside a robot whose wire was heated with full power to 1 K below the
+limit, and goes on to be.
 """
 
 from __future__ import annotations
@@ -117,6 +119,14 @@ def run_of(config: Config, robot: Robot, asked: Vector, who: str, seed: int, hot
     return Guarded(T, stress, stroke, limited / len(asked))
 
 
+def without_scale(config: Config, robot: Robot, off: float) -> float:
+    """How hot a robot is [K] where the hottest one of its kind, which shows the same, is at T_MAX + 2 K."""
+    names = ('wire.sigma_T', 'wire.c_V', 'wire.lambda')
+    scale = np.prod([robot.parameters[name] / config.parameters[name] for name in names]) ** (1.0 / len(names))
+    T_E = config.parameters['environment.T_E']
+    return T_E + (T_MAX + 2.0 - T_E) * (1.0 - off) / float(scale)
+
+
 def one_robot(seed: int, duration: float, off: float, margin: float, hot: bool) -> dict[str, Any] | None:
     """All numbers of a robot; None where it cannot do its run."""
     config, robot = robot_of(seed, off, margin)
@@ -129,6 +139,8 @@ def one_robot(seed: int, duration: float, off: float, margin: float, hot: bool) 
         return None
     safe = alone.T <= T_MAX and alone.stress <= STRESS_MAX
     compared = alone if safe else knowing
+    known = config.variant({'guard.T_max': without_scale(config, robot, off)})
+    but_scale = compared if safe else run_of(known, robot, asked, 'truth', seed, hot)
     return {
         'hidden': robot.hidden[0].truth.name if robot.hidden else '',
         'safe': safe,
@@ -137,6 +149,7 @@ def one_robot(seed: int, duration: float, off: float, margin: float, hot: bool) 
         'T excess without guard': max(alone.T - T_MAX, 0.0),
         'stress excess without guard': max(alone.stress / STRESS_MAX - 1.0, 0.0),
         'stroke lost': 1.0 - observed.stroke / compared.stroke,
+        'stroke lost by the scale alone': 1.0 - but_scale.stroke / compared.stroke,
         'limited': observed.limited,
     }
 
@@ -154,6 +167,7 @@ def summary(robots: list[dict[str, Any]]) -> dict[str, float]:
         'largest stress excess without guard': max(one['stress excess without guard'] for one in robots),
         'stroke lost': float(lost.mean()),
         'most stroke lost': float(lost.max()),
+        'stroke lost by the scale alone': float(np.mean([one['stroke lost by the scale alone'] for one in robots])),
     }
 
 
