@@ -27,8 +27,8 @@ from sma_sim.evidence.search.refine import (
 
 MAX_COMPONENTS = 3  # of a model: it bounds the time of a search, and recordings of few runs seldom tell more
 PARENTS = 3  # models of a level that are extended
-EQUATIONS_AFTER = 2  # components: one listed effect that leaves nothing needs no equation, two may imitate a single one
-EXCHANGE_SHARE = 0.5  # of what that one promises, which they must: to first order neither is exact
+EQUATIONS_AFTER = 2  # components: what listed effects explain, one or two of them, may be a single law that no list has
+EXCHANGE_SHARE = 0.5  # of what that promises which they would replace: to first order neither is exact
 DIFFERENCES = 2  # between recordings that are fitted beside a model, without a sketch: their promises are nearly exact
 SKETCHED_TERMS = 2 * SKETCHED  # of equations: of ten times as many as there are effects, neighbours are alike
 FORMS = 3  # of the laws of a model that are fitted
@@ -97,7 +97,7 @@ def search(nominal: Sequence[FitResult], context: SearchContext, equations: bool
         before = book.best
         expand_level(size, book, context)
         improve(size, book, context)
-        if equations and size == EQUATIONS_AFTER and (book.best.lacks_unlisted or len(book.best.components) == size):
+        if equations and size == EQUATIONS_AFTER and (book.best.components or book.best.lacks_unlisted):
             add_equations(bare(book), book, context)
         if context.stop.is_set() or (size >= EQUATIONS_AFTER and book.best is before):
             break
@@ -162,21 +162,28 @@ def stripped(model: Model, replaced: Sequence[Component]) -> Model:
 def add_equations(base: Model, book: Book, context: SearchContext) -> None:
     """Terms of an equation beside the components of a model; then others in place of the best of them, proposed where that
     has led, as long as they explain more; then a second one at its place where the best model lacks something; then listed
-    effects in place of what was found: an equation may have led to where one of them lies."""
+    effects in place of what was found: an equation may have led to where one of them lies. In place of listed effects that
+    leave nothing, those are fitted that promise a part of what these do."""
     leads, lead = list[Model](), None
+    replaced = [one for one in book.best.components if one.effect and one.name not in base.names]
+    in_place = bool(replaced) and book.best.leaves_nothing
+    timed = not in_place or any(one.uses_time for one in replaced)
     for _ in range(1 + ROUNDS):
         if context.stop.is_set():
             return
         beside = f'beside {words(base)}' if lead is None else f'in place of {lead.components[-1].name}'
         context.on_progress(f'fitting the terms of an equation at every port {beside}')
-        proposals = components_of(propose.terms(base.fit, context))
-        leads += add_extended(base, proposals, book, context, restarts=lead is None)
+        least = EXCHANGE_SHARE * propose.promise_of(replaced, base.fit, context) if in_place else -inf
+        proposals = [one for one in propose.terms(base.fit, context, timed) if one.promise >= least]
+        leads += add_extended(base, components_of(proposals), book, context, restarts=lead is None)
         before, lead = lead, best_of(leads, book)
-        if lead is None or (lead.leaves_nothing and lead is book.best) or (before and lead.names == before.names):
+        if lead is None or lead.leaves_nothing or (before and lead.names == before.names):
+            break
+        if in_place and lead.score(book.overdispersion) < book.best.score(book.overdispersion) - WINDOW:
             break
         base = stripped(lead, lead.components[-1:])
     if lead is not None and not lead.leaves_nothing and book.best.lacks_unlisted and not context.stop.is_set():
-        add_extended(lead, components_of(propose.terms(lead.fit, context, lead.components[-1])), book, context)
+        add_extended(lead, components_of(propose.terms(lead.fit, context, first=lead.components[-1])), book, context)
     best = book.best
     for component in best.components:
         if component.is_formula:

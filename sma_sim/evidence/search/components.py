@@ -9,6 +9,7 @@ from math import log
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.compiler.fields_read import uses_time
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.problem import Problem
@@ -62,6 +63,11 @@ class Component:
     def is_difference(self) -> bool:
         """Whether it is of the recordings, not of the robot."""
         return isinstance(self.start, RecordingDifference)
+
+    @property
+    def uses_time(self) -> bool:
+        """Whether it is an effect that depends on the time, not on the robot's states alone."""
+        return not isinstance(self.start, RecordingDifference) and uses_time(self.start.candidate.found.effect)
 
     def is_absent(self, fit: FitResult) -> bool:
         """Whether all that makes it act ended at its neutral value, a bound: the model without it stands for this."""

@@ -6,8 +6,9 @@ what promises less than nothing is not tried. What has no slope at neutral (fric
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
+from math import inf
 
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.overdispersion import overdispersion
@@ -15,9 +16,9 @@ from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import Candidate
 from sma_sim.evidence.model_selection.differing_recordings import promises
 from sma_sim.evidence.model_selection.refit import at_finite_step
-from sma_sim.evidence.model_selection.score_tests import screen
+from sma_sim.evidence.model_selection.score_tests import ScreeningResult, screen
 from sma_sim.evidence.model_selection.variants import forms_of
-from sma_sim.evidence.search.components import Catalogue, Component, difference_component, formula_log_prior
+from sma_sim.evidence.search.components import Catalogue, Component, difference_component, formula_log_prior, log_prior_of
 from sma_sim.evidence.search.refine import Model
 from sma_sim.evidence.symbolic_regression.formula import Formula, as_candidate
 from sma_sim.evidence.symbolic_regression.term_fits import terms_at
@@ -69,22 +70,35 @@ def differing(base: FitResult, taken: Collection[str], context: SearchContext) -
     )
 
 
-def terms(base: FitResult, context: SearchContext, first: Component | None = None) -> list[Proposal]:
-    """Terms of an equation at every place, or second ones where a `first` is; none where a model cannot be linearised."""
+def promise_of(components: Sequence[Component], base: FitResult, context: SearchContext) -> float:
+    """What some effects promise beside a fit, each alone; -inf where the model cannot be linearised."""
+    starts = [one.start.candidate for one in components if isinstance(one.start, ScreeningResult)]
+    try:
+        screened = screen(base.problem, base.z, starts, context.pool)
+    except SimulationError:
+        return -inf
+    return sum(0.5 * result.gain for result in screened) + log_prior_of(components)
+
+
+def terms(base: FitResult, context: SearchContext, timed: bool = True, first: Component | None = None) -> list[Proposal]:
+    """Terms of an equation at every place, or second ones where a `first` is; none where a model cannot be linearised.
+
+    `timed`: also functions of time. In place of effects of the robot's states which leave nothing, one of these would have
+    to go as the states do in every run.
+    """
     structure = base.problem.config.structure
     known = None if first is None else first.term
     try:
         k = overdispersion(base.problem, base.z, context.pool)
-        fits = terms_at(base, k, context, (known.location.hook,) if known else ())
+        fits = terms_at(base, k, context, (known.location.hook,) if known else (), timed)
     except SimulationError:
         return []
     if known is not None:
         fits = [fit for fit in fits if fit.location == known.location and fit.term != known.term]
     places, proposals = len({fit.location.name for fit in fits}), list[Proposal]()
     for fit in fits:
-        count = sum(other.location.name == fit.location.name for other in fits)
         candidate = as_candidate(fit, structure, int(known is not None))
-        log_prior = formula_log_prior(count, places)
+        log_prior = formula_log_prior(len(fit.location.terms), places)
         component = Component(Formula((fit,), structure.structure).name, log_prior, candidate, fit)
         proposals.append(Proposal(component, 0.5 * k**2 * fit.error_reduction + log_prior))
     return promising(proposals)

@@ -34,6 +34,7 @@ from sma_sim.evidence.symbolic_regression.visited_states import (
 from sma_sim.model.arrays import Vector
 
 RESPONSE_RTOL = 1e-4  # solver.rtol of the responses: both sides of each difference have it
+TRIED = 0.1  # of a small but visible quantity: over all of it responses bend, where parameters absorb most of what is linear
 EXACT_TERMS = 100  # of the best whose own responses are simulated: combinations, and responses that are not linear, misorder
 
 
@@ -129,14 +130,15 @@ def sum_of(responses: Sequence[Vector | None]) -> Vector | None:
     return np.sum(known, axis=0) if len(known) == len(responses) else None
 
 
-def fit_terms_at(linearized: LinearizedFit, group: Sequence[Location], stop: Stop) -> list[TermFit]:
+def fit_terms_at(linearized: LinearizedFit, group: Sequence[Location], stop: Stop, timed: bool) -> list[TermFit]:
     """The best shapes of every term at a group of locations; that of every wire is the sum of all. None after a stop."""
     if stop.is_set():
         return []
     ranges = linearized.ranges(group[-1])
     trials = [
-        TermTrial(term, shapes, group[0].probe / size)
+        TermTrial(term, shapes, TRIED * group[0].probe / size)
         for term in group[0].terms
+        if timed or 't' not in term.variables
         for shapes in shape_grid(term, ranges)
         if 0.0 < (size := max(rms_value(term, shapes, states) for states in ranges.visited)) < inf
     ]
@@ -202,15 +204,18 @@ def location_groups(locations: Sequence[Location]) -> list[list[Location]]:
     return [*([location] for location in locations if location.name not in grouped), *groups]
 
 
-def terms_at(fit: FitResult, overdispersion: float, context: SearchContext, hooks: Collection[str] = ()) -> list[TermFit]:
+def terms_at(
+    fit: FitResult, overdispersion: float, context: SearchContext, hooks: Collection[str] = (), timed: bool = True
+) -> list[TermFit]:
     """All terms at all locations (of these hooks) on a model where it lies, the largest error reduction first, of squares
-    over those that an overdispersion lets count; those so far after a stop. Raises SimulationError.
+    over those that an overdispersion lets count; those so far after a stop; `timed`: also functions of time. Raises
+    SimulationError.
 
     Two groups at once: while the terms of one are fitted, the responses of the other are simulated.
     """
     linearized = LinearizedFit(fit.problem.weighted(1.0 / overdispersion), fit.z, context.pool)
     groups = [group for group in location_groups(linearized.locations) if not hooks or group[0].hook in hooks]
-    jobs = [partial(fit_terms_at, linearized, group, context.stop) for group in groups]
+    jobs = [partial(fit_terms_at, linearized, group, context.stop, timed) for group in groups]
     fits = ordered(fit for found in run_in_threads(jobs, context.stop, at_once=2) for fit in found)
     if context.stop.is_set():
         return fits
