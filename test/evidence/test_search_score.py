@@ -266,8 +266,7 @@ def test_instants_without_a_measurement_are_no_samples():
     sparse[::4] = series
     alone = dispersion.overdispersion_of_rows([series], series.size)
     assert alone > 3.0 and dispersion.overdispersion_of_rows([sparse], series.size) == alone
-    runs = [[LinearizedRun(np.zeros(0, dtype=int), row[None, :], np.zeros((0, 1, row.size)))] for row in (series, sparse)]
-    assert unlisted_evidence(runs[0]) == unlisted_evidence(runs[1]) > 100.0
+    assert unlisted_evidence([series[None, :]]) == unlisted_evidence([sparse[None, :]]) > 100.0
 
 
 def residual_runs(seed, disturbance=0.0):
@@ -277,7 +276,7 @@ def residual_runs(seed, disturbance=0.0):
     for count in (200, 300):
         residuals = random.normal(size=(3, count))
         residuals[2] += disturbance * np.sin(np.linspace(0.0, 9.0, count) ** 1.2)
-        found.append(LinearizedRun(np.zeros(0, dtype=int), residuals, np.zeros((0, 3, count))))
+        found.append(residuals)
     return found
 
 
@@ -296,8 +295,7 @@ def test_what_repeats_differ_by_is_no_function_that_is_missing():
         rows[:, 0] = random.normal(size=2)
         for k in range(1, 60):
             rows[:, k] = 0.85 * rows[:, k - 1] + np.sqrt(1.0 - 0.85**2) * random.normal(size=2)
-        none = np.zeros(0, dtype=int), np.zeros((0, 1, 60))
-        runs, larger = ([LinearizedRun(none[0], size * row[None, :], none[1]) for row in rows] for size in (1.0, 4.0))
+        runs, larger = ([size * row[None, :] for row in rows] for size in (1.0, 4.0))
         within.append(unlisted_evidence(runs, shares))
         beyond.append(unlisted_evidence(larger, shares))
         white.append(unlisted_evidence(runs))

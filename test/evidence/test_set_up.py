@@ -375,3 +375,37 @@ def test_a_sample_on_the_flank_of_an_isobaric_test_is_no_outlier(is_measured):
     measured = run.measured + is_measured * residuals / run.weight
     found = outliers(replace(problem, runs=(replace(run, measured=measured),)), [residuals])
     assert [fault.rows for fault in found] == ([{run.name: (k,)}] if is_measured else [])
+
+
+def held_still(found, seed):
+    """Recordings of a robot that does not move: where it was at first, and the noise."""
+    random = np.random.default_rng(seed)
+
+    def still(one):
+        noise = {name: random.normal(scale=found.noise_std[name], size=len(one.time)) for name in one.channels}
+        return replace(one, channels={name: values[0] + noise[name] for name, values in one.channels.items()})
+
+    return replace(found, recordings=tuple(map(still, found.recordings)))
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_a_robot_that_does_not_move_tells_nothing_else(runs, seed):
+    """Many laws keep it still, some of them to the last digit: none is named."""
+    still = only(held_still(runs, seed), *POSE)
+    (fault,) = faults_in(still)
+    assert fault.kind == 'motionless' and fault.quantities == POSE and not fault.corrected
+    one_moves = replace(still, recordings=(only(runs, *POSE).recordings[0], *still.recordings[1:]))
+    assert all(other.kind != 'motionless' for other in faults_in(one_moves))
+    if not seed:
+        found = diagnosed(still)
+        assert found.verdict == 'unknown_effect' and found.effects == () and found.proposal is None
+        assert 'nothing moves: U_x, U_y and alpha stay within the noise' in list(as_text(found))[1]
+
+
+def test_a_robot_that_no_command_moves_is_right(runs):
+    """Without any power nothing is to be seen of it."""
+    cold = replace(only(held_still(runs, 1), *POSE), recordings=tuple(
+        replace(one, source=replace(one.source, values=np.where([True, False], 0.0, one.source.values)))
+        for one in only(held_still(runs, 1), *POSE).recordings
+    ))  # fmt: skip
+    assert all(fault.kind != 'motionless' for fault in faults_in(cold))

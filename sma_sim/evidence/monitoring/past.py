@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.overdispersion import overdispersion_of_rows
-from sma_sim.evidence.estimation.problem import LinearizedRun
 from sma_sim.evidence.monitoring.live_criteria import BIN, CHECKPOINT, SHORTEST, SPAN, STEP
 from sma_sim.evidence.search.score import unlisted_evidence
 from sma_sim.model.arrays import Matrix, Vector
@@ -94,10 +93,8 @@ class Window:
 
         Each channel has one with probability 1/2.
         """
-        rows, none = self._rows(self.residuals if residuals is None else residuals), np.zeros(0, dtype=np.int64)
-        found = [
-            unlisted_evidence([LinearizedRun(none, row[None, :], np.zeros((0, 1, len(row))))]) for row in rows.T if row.any()
-        ]
+        rows = self._rows(self.residuals if residuals is None else residuals)
+        found = [unlisted_evidence([row[None, :]]) for row in rows.T if row.any()]
         return float(np.sum(np.logaddexp(0.0, found) - math.log(2.0)))
 
     def overdispersion(self, residuals: Vector, since: float) -> float:

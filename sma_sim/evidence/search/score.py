@@ -149,7 +149,7 @@ def evidence_at(problem: Problem, z: Vector, linear: Sequence[LinearizedRun], lo
         z, low, high, precision, tuple(normal_equations(run, problem.robust) for run in linear),
         profiled_information(problem), log_prior + log_density,
         overdispersion_of(problem, [run.residuals for run in linear]),
-        unlisted_evidence(linear, [run.floor_shares for run in problem.runs]),
+        unlisted_evidence([run.residuals for run in linear], [run.floor_shares for run in problem.runs]),
     )  # fmt: skip
 
 
@@ -193,22 +193,24 @@ def profiled_information(problem: Problem) -> tuple[Vector, ...]:
     )
 
 
-def unlisted_evidence(linear: Sequence[LinearizedRun], floor_shares: Sequence[Sequence[float]] = ()) -> float:
+def unlisted_evidence(residuals: Sequence[Matrix], floor_shares: Sequence[Sequence[float]] = ()) -> float:
     """Log Bayes factor of an unknown smooth function of time in one channel, in all recordings, beside noise.
+
+    `residuals`: (channels, k) of every run.
 
     A Gaussian process with covariance a^2 exp(-|t - t'|/l) has nearly independent cosine coefficients d_j of variance
     a^2 s_j(l), which white noise of variance 1 adds to; averaged over amplitudes a and correlation times l, and over the
     channels. `floor_shares`: by run and channel, the part f of the variance of the noise that is what repeated experiments
     differ by. That lasts as well, so that noise alone has coefficients of variance 1 - f + f s_j(l), averaged over l.
     """
-    channels = max(len(run.residuals) for run in linear)
-    shares = floor_shares or [[0.0] * channels] * len(linear)
+    channels = max(len(rows) for rows in residuals)
+    shares = floor_shares or [[0.0] * channels] * len(residuals)
     factors = []
     for channel in range(channels):
         rows = [
-            (run.residuals[channel], share[channel] if share else 0.0)
-            for run, share in zip(linear, shares, strict=True)
-            if channel < len(run.residuals)
+            (of_run[channel], share[channel] if share else 0.0)
+            for of_run, share in zip(residuals, shares, strict=True)
+            if channel < len(of_run)
         ]
         spectra = [(dct(measured(row), norm='ortho') ** 2, share) for row, share in rows if np.any(row)]
         if spectra:

@@ -45,7 +45,7 @@ from sma_sim.evidence.model_selection.refit import refit
 from sma_sim.evidence.search import propose
 from sma_sim.evidence.search.components import catalogue_for
 from sma_sim.evidence.search.refine import SKETCHED, WINDOW, Model, extended, model_of
-from sma_sim.evidence.search.score import SPARSITY
+from sma_sim.evidence.search.score import SPARSITY, unlisted_evidence
 from sma_sim.evidence.set_up.faults import Fault, corrected, faults_of, log_share, unit_of
 from sma_sim.model.arrays import Mask, Vector
 from sma_sim.model.config import Config
@@ -101,12 +101,44 @@ class Approximation:
 def faults_before_fits(dataset: Dataset, config: Config, options: FitOptions, context: SearchContext) -> tuple[Fault, ...]:
     """What is wrong with recordings, as far as a model at the middle of its priors shows it. Columns first: what they hold
     decides what scatters."""
+    still = motionless(thinned(dataset, config, options), context)
+    if still is not None:
+        return (still,)
     found = wrong_columns(dataset, config, options, context)
     if is_uncertain(found) or context.stop.is_set():
         return found
     dataset = corrected(dataset, found)
     problem = problem_for(dataset, config, options, 1, step_limited=False)
     return (*found, *wrong_samples(problem, start_point(problem), dataset, False, context))
+
+
+def motionless(problem: Problem, context: SearchContext) -> Fault | None:
+    """That nothing moves, where a model at the middle of its priors does: no channel is anything but a constant and noise.
+
+    What keeps a robot still (no power, a wire that is slack or overstretched, a dead sensor) cannot be told from that.
+    """
+    if problem.config.structure.structure.is_quasi_static:
+        return None
+    shown = residuals_at(problem, start_point(problem), context.pool)
+    measured = [run.measured * run.weight for run in problem.runs]
+    if smooth_evidence(problem, measured) > 0.0 or any(rows is None for rows in shown):
+        return None
+    predicted = [rows + of_run for rows, of_run in zip(shown, measured, strict=True) if rows is not None]
+    if smooth_evidence(problem, predicted) < WINDOW:
+        return None
+    channels = dict.fromkeys(name for run in problem.runs for name in run.channels)
+    return Fault('motionless', tuple(channels), corrected=False)
+
+
+def smooth_evidence(problem: Problem, rows: Sequence[Rows]) -> float:
+    """The log Bayes factor of smooth functions of time beside white noise in rows (channels, k) of every run, without their
+    means over what was measured."""
+    varying = []
+    for run, of_run in zip(problem.runs, rows, strict=True):
+        known = run.weight > 0.0
+        mean = np.sum(of_run * known, axis=1) / np.maximum(np.sum(known, axis=1), 1)
+        varying.append((of_run - mean[:, None]) * known)
+    return unlisted_evidence(varying)
 
 
 def faults_after_fit(dataset: Dataset, fit: FitResult, options: FitOptions, context: SearchContext) -> tuple[Fault, ...]:

@@ -24,7 +24,7 @@ from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.inputs import Input, inputs_at
 
 Run = TypeVar('Run', Recording, FitData)
-Kind = Literal['sign', 'swap', 'unit', 'exchanged_commands', 'copied_command', 'noise', 'outliers']
+Kind = Literal['sign', 'swap', 'unit', 'exchanged_commands', 'copied_command', 'noise', 'outliers', 'motionless']
 TIME = 'time'  # what the column of time is called
 SIGNED = ('m', 'rad', 'N', 'Pa', '')  # units of channels that a sensor may count the other way; '' is strain
 OTHER_UNITS = {
@@ -51,7 +51,8 @@ class Fault:
         ``'sign'``: the columns count the other way; ``'swap'``: two columns are exchanged; ``'unit'``: one is in another
         unit; ``'exchanged_commands'``: each of the `recordings` has the command of the next one, the last that of the
         first; ``'copied_command'``: the first of two `recordings` has the command of the second, its own is lost;
-        ``'noise'``: it is stated wrong; ``'outliers'``: single samples of it are far off.
+        ``'noise'``: it is stated wrong; ``'outliers'``: single samples of it are far off; ``'motionless'``: none of them
+        changes by more than its noise, though the commands should move the robot.
     quantities : tuple of str
         Channels, commands or the time, by their names without units (``'alpha'``, ``'J_eq'``, ``'time'``).
     factor : float
@@ -112,6 +113,8 @@ class Fault:
             return f'{names} {"have" if plural else "has"} the opposite sign'
         if self.kind == 'swap':
             return f'{names} are swapped'
+        if self.kind == 'motionless':
+            return f'nothing moves: {names} {"stay" if plural else "stays"} within the noise, whatever is commanded'
         if self.kind == 'copied_command':
             return '{} has the command of {}, not its own'.format(*self.recordings)
         if self.kind == 'exchanged_commands' and len(self.recordings) == 2:
@@ -147,6 +150,8 @@ class Fault:
             return 'give each recording its own command'
         if self.kind == 'copied_command':
             return 'give {} its own command, or leave it out'.format(*self.recordings)
+        if self.kind == 'motionless':
+            return 'check that power reaches the wires, that they are neither slack nor overstretched, and the sensors'
         if self.kind == 'noise':
             return 'state the noise that the samples show (noise_std in meta.json, --noise), or none at all'
         return 'check the wiring of the sensor'
@@ -169,7 +174,7 @@ class Fault:
 
     def in_recordings(self, recordings: Sequence[Recording]) -> tuple[Recording, ...]:
         """All recordings without it: outliers are missing samples then; noise is of a dataset."""
-        if self.kind in ('noise', 'copied_command'):
+        if self.kind in ('noise', 'copied_command', 'motionless'):
             return tuple(recordings)
         if self.kind != 'exchanged_commands':
             return tuple(map(self.in_recording, recordings))
