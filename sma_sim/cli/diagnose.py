@@ -13,17 +13,15 @@ from sma_sim.cli.common.data import (
     add_data_options,
     add_limit_option,
     add_search_options,
-    check_outputs,
+    begun,
     chosen_executor,
     print_curves,
     print_progress,
     print_written,
     provenance_of,
-    read_data,
-    system_words,
     write_json,
 )
-from sma_sim.cli.common.options import add_config_options, announce_first_compilation, config_from, folders_beside
+from sma_sim.cli.common.options import add_config_options, announce_first_compilation, folders_beside
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis, diagnose
 from sma_sim.evidence.diagnosis.review import reviewed
@@ -61,9 +59,7 @@ def add_parser(verbs: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Diagnose, and write what was asked for."""
-    check_outputs(arguments, arguments.out)
-    given = config_from(arguments, *system_words(arguments))
-    training, held_out = read_data(arguments, given)
+    given, training, held_out = begun(arguments, arguments.out)
     print_curves(training)
     folders = tuple(effect_folders_of(arguments.config, arguments.words))
     announce_first_compilation()

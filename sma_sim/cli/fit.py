@@ -13,19 +13,16 @@ from sma_sim.cli.common.data import (
     add_data_options,
     add_limit_option,
     add_search_options,
-    check_outputs,
+    begun,
     chosen_executor,
     from_curves,
     print_written,
     provenance_of,
-    read_data,
-    system_words,
     write_json,
 )
 from sma_sim.cli.common.options import (
     add_config_options,
     announce_first_compilation,
-    config_from,
     folders_beside,
 )
 from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, calibrate, limits_from
@@ -67,9 +64,7 @@ def add_parser(verbs: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Fit, predict what was held out, write what was asked for."""
     check_sheet(arguments.sheet)
-    check_outputs(arguments, arguments.out, arguments.sheet)
-    config = config_from(arguments, *system_words(arguments))
-    fitted, held_out = read_data(arguments, config)
+    config, fitted, held_out = begun(arguments, arguments.out, arguments.sheet)
     made = provenance_of(arguments, (arguments.config, config))
     (config,) = from_curves(fitted, config)
     options = FitOptions(

@@ -10,17 +10,15 @@ from sma_sim.cli.common.data import (
     EXIT_INTERRUPTED,
     add_data_options,
     add_search_options,
-    check_outputs,
+    begun,
     chosen_executor,
     print_progress,
     print_written,
     provenance_of,
-    read_data,
     report_path,
-    system_words,
     write_json,
 )
-from sma_sim.cli.common.options import add_config_options, announce_first_compilation, config_from
+from sma_sim.cli.common.options import add_config_options, announce_first_compilation
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.latent_input.latent_search import LatentRequest, estimate_latent_inputs
 from sma_sim.model.shown import text_table
@@ -43,9 +41,7 @@ def add_parser(verbs: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Estimate, and write what was asked for."""
-    check_outputs(arguments)
-    config = config_from(arguments, *system_words(arguments))
-    training, held_out = read_data(arguments, config)
+    config, training, held_out = begun(arguments)
     announce_first_compilation()
     with chosen_executor(arguments) as executor:
         request = LatentRequest(arguments.model, not arguments.no_fit, arguments.seed)

@@ -12,16 +12,14 @@ from sma_sim.cli.common.data import (
     EXIT_INTERRUPTED,
     add_data_options,
     add_search_options,
-    check_outputs,
+    begun,
     chosen_executor,
     print_progress,
     print_written,
     provenance_of,
-    read_data,
-    system_words,
     write_json,
 )
-from sma_sim.cli.common.options import add_config_options, announce_first_compilation, config_from
+from sma_sim.cli.common.options import add_config_options, announce_first_compilation
 from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.data.tables import write_columns
 from sma_sim.evidence.experiment_design.curves import hypothesis_curves
@@ -86,11 +84,9 @@ def add_parser(verbs: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Design, and write what was asked for."""
-    check_outputs(arguments, arguments.out)
     if arguments.tries < 1:
         raise UserError(f'--tries {arguments.tries}: expected 1 or more')
-    config = config_from(arguments, *system_words(arguments))
-    training, _ = read_data(arguments, config)
+    config, training, _ = begun(arguments, arguments.out)
     announce_first_compilation()
     with chosen_executor(arguments) as executor:
         plan = next_experiment(training, config, request_from(arguments), executor, print_progress)

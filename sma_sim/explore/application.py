@@ -16,7 +16,7 @@ from sma_sim.explore.command import Command, columns_of, command_from, first_com
 from sma_sim.explore.controls import LEFT_OUT, OF_MAS, controls_of
 from sma_sim.explore.data_verbs import DataVerbs
 from sma_sim.explore.differences import Value
-from sma_sim.explore.live_verbs import LiveVerbs
+from sma_sim.explore.live import LiveVerbs
 from sma_sim.explore.overlay import display_of
 from sma_sim.explore.packing import Numbers
 from sma_sim.explore.request_values import Body, Reply, as_int, json_number, pixels_in, text, window_in

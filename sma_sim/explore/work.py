@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from sma_sim.evidence.data.recording import Dataset
+from sma_sim.evidence.data.recording import Dataset, Recording, in_order
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.diagnosis.review import reviewed
@@ -33,12 +33,13 @@ from sma_sim.report.html.comparison_page import write_compare_page
 from sma_sim.report.html.diagnosis_page import write_diagnosis_page
 from sma_sim.report.html.page import Provenance
 from sma_sim.solver.first_start import announce_compilation
+from sma_sim.solver.inputs import inputs_at
 from sma_sim.words.comparison import comparison_result
 from sma_sim.words.diagnosis_data import as_data
 from sma_sim.words.diagnosis_text import as_text
 from sma_sim.words.json_values import write_json
+from sma_sim.words.repair_notes import grouped_notes
 from sma_sim.workflow.candidates import candidate_effects
-from sma_sim.workflow.check import data_check
 from sma_sim.workflow.code_folders import folders_from
 from sma_sim.workflow.data_request import DataRequest
 from sma_sim.workflow.diagnosis import command_between, confounded, write_improved
@@ -104,7 +105,7 @@ def check(order: WorkOrder) -> bool:
     order.log.progress('reading the recordings')
     dataset = request.read(order.config())
     held_out = request.split(dataset)[1]
-    write_json(order.output(RESULT), data_check(dataset, held_out).as_data())
+    write_json(order.output(RESULT), check_data(dataset, held_out))
     curves = {
         f'{one.name}|{name}': values
         for one in dataset.recordings
@@ -112,6 +113,46 @@ def check(order: WorkOrder) -> bool:
     }
     write_curves(order.output(CURVES), curves)
     return False
+
+
+def check_data(dataset: Dataset, held_out: Dataset | None) -> dict[str, Any]:
+    """What was read, SI units: ``runs``, ``noise_std`` by channel and ``notes`` in words."""
+    names = {recording.name for recording in held_out.recordings} if held_out else set()
+    return {
+        'system': dataset.system,
+        'runs': [run_data(recording, recording.name in names) for recording in dataset.recordings],
+        'noise_std': {name: dataset.noise_std[name] for name in in_order(dataset.noise_std, dataset.system)},
+        'notes': grouped_notes([dataset]),
+    }
+
+
+def run_data(recording: Recording, held_out: bool) -> dict[str, Any]:
+    """One run: its time, its channels with the samples that are missing, its input."""
+    steps = np.diff(recording.time)
+    inputs = inputs_at(recording.source, recording.time)
+    return {
+        'name': recording.name,
+        'held_out': held_out,
+        'samples': len(recording.time),
+        'begin': float(recording.time[0]),
+        'end': float(recording.time[-1]),
+        'sample_time': float(np.median(steps)) if len(steps) else None,
+        'longest_gap': float(steps.max()) if len(steps) else None,
+        'channels': {name: range_data(values) for name, values in recording.channels.items()},
+        'inputs': {name: range_data(values) for name, values in inputs.items()},
+        'notes': list(recording.notes),
+    }
+
+
+def range_data(values: Any) -> dict[str, Any]:
+    """Samples that are there and missing, the least and the largest value."""
+    known = values[np.isfinite(values)]
+    return {
+        'samples': len(known),
+        'missing': len(values) - len(known),
+        'least': float(known.min()) if len(known) else None,
+        'largest': float(known.max()) if len(known) else None,
+    }
 
 
 def compare_version(order: WorkOrder) -> bool:

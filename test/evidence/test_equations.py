@@ -23,8 +23,17 @@ from sma_sim.evidence.search.equations import has_terms, proposal_of, stabilitie
 from sma_sim.evidence.search.posterior import posterior_of
 from sma_sim.evidence.symbolic_regression.formula import Formula
 from sma_sim.evidence.symbolic_regression.locations import locations_for
-from sma_sim.evidence.symbolic_regression.shape_grids import VisitedRanges, grid_of, peak_frequencies, shape_grid
-from sma_sim.evidence.symbolic_regression.term_fits import LinearizedFit, TermFit, TermTrial, rms_value, with_own_responses
+from sma_sim.evidence.symbolic_regression.term_fits import (
+    LinearizedFit,
+    TermFit,
+    TermTrial,
+    VisitedRanges,
+    grid_of,
+    peak_frequencies,
+    rms_value,
+    shape_grid,
+    with_own_responses,
+)
 from sma_sim.evidence.symbolic_regression.terms import factor, per_unit, product_unit
 from sma_sim.evidence.symbolic_regression.universal_term import universal_term
 from sma_sim.evidence.symbolic_regression.visited_states import VisitedStates, kernel_fields, term_values

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from sma_sim.cli.common.commands import add_kinetics, print_notes
-from sma_sim.cli.common.options import add_namespace_option
+from sma_sim.cli.common.options import add_namespace_option, config_from
 from sma_sim.evidence.data.column_map import entries_of_map
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.tables import check_writable
@@ -143,6 +143,16 @@ def read_data(arguments: argparse.Namespace, config: Config) -> tuple[Dataset, D
     dataset = request.read(config)
     print_notes(grouped_notes([dataset]))
     return request.split(dataset)
+
+
+def begun(arguments: argparse.Namespace, *outputs: Path | None) -> tuple[Config, Dataset, Dataset | None]:
+    """What all that searches begins with, once its outputs can be written: the model, the recordings to fit, those held out.
+
+    Raises UserError.
+    """
+    check_outputs(arguments, *outputs)
+    config = config_from(arguments, *system_words(arguments))
+    return config, *read_data(arguments, config)
 
 
 def data_request(arguments: argparse.Namespace) -> DataRequest:
