@@ -7,7 +7,7 @@ from concurrent.futures import Executor
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_solve, cholesky
+from scipy.linalg import LinAlgError, cho_solve, cholesky, solve_triangular
 
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.problem import (
@@ -36,7 +36,6 @@ MAX_SECANT_STEPS = 12  # without a linearisation, which costs more than all of t
 SECANT_WARM_UP, PACE_STEPS = 5, 3  # steps before one that is too slow may be given up, and those that tell how fast it is
 SECANT_DAMPING, SECANT_DAMPING_FLOOR = 10.0, 1e-3  # factor after a step that gained little, or much; least at a start
 MAX_KEPT = 2**26  # [bytes] of derivatives that are kept for steps without a linearisation: of 17 runs of 100 s at 50 Hz
-MAX_SET_CHANGES = 10  # of the active set, for each unknown: one or two are usual
 COST_FLOOR = 1e-9  # per sample; below it only the solver's error is fitted
 
 
@@ -72,30 +71,10 @@ def bounded_step(gradient: Vector, hessian: Matrix, damping: float, low: Vector,
     free: Vector = -cho_solve((factor, False), gradient)
     if np.all((free >= low) & (free <= high)):
         return free
-    return box_minimum(damped, gradient, low, high)
+    from scipy.optimize import lsq_linear  # only here: it takes long to import, and few steps meet a bound
 
-
-def box_minimum(hessian: Matrix, gradient: Vector, low: Vector, high: Vector) -> Vector:
-    """The step (n,) with the least s'H s/2 + g's for which low <= s <= high, where zero is within: by an active set (Nocedal
-    and Wright, Numerical Optimization, 2nd ed., 16.5). scipy's `lsq_linear` takes a quarter of a second to import."""
-    step, slope = np.zeros(len(gradient)), gradient
-    held = ((step <= low) & (slope > 0.0)) | ((step >= high) & (slope < 0.0))
-    for _ in range(MAX_SET_CHANGES * len(gradient)):
-        free = np.flatnonzero(~held)
-        move = np.linalg.solve(hessian[np.ix_(free, free)], -slope[free])
-        ends = np.where(move > 0.0, high[free], low[free])
-        parts = np.divide(ends - step[free], move, out=np.full(len(free), np.inf), where=move != 0.0)
-        first = int(np.argmin(parts)) if len(free) else -1
-        blocked = first >= 0 and parts[first] < 1.0
-        step[free] += move * (parts[first] if blocked else 1.0)
-        slope = gradient + hessian @ step
-        if blocked:
-            step[free[first]], held[free[first]] = ends[first], True
-            continue
-        wrong = held & (((step <= low) & (slope < 0.0)) | ((step >= high) & (slope > 0.0))) & (low < high)
-        if not wrong.any():
-            break
-        held[np.argmax(np.where(wrong, np.abs(slope), -1.0))] = False
+    target = -solve_triangular(factor, gradient, trans='T')
+    step: Vector = lsq_linear(factor, target, (np.minimum(low, -1e-12), np.maximum(high, 1e-12)), method='bvls').x
     return np.clip(step, low, high)
 
 
