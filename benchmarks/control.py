@@ -17,6 +17,7 @@ are kept in --file, so that a run can be continued.
 from __future__ import annotations
 
 import argparse
+import gc
 import time
 from collections.abc import Iterator
 from concurrent.futures import Executor
@@ -171,6 +172,8 @@ def solve(seed: int, duration: float, pool: Executor) -> dict[str, Any]:
     models['improved'] = calibrate(case.dataset, start, options, pool, silent_iteration).config
     kp, ki = tuned(case, seed, duration)
     target, J_max = target_of(seed, 0), case.nominal.parameters['node.J_max']
+    gc.collect()
+    gc.freeze()  # as the node does before it begins
     found = {}
     for name, limits, guard in (
         ('room', WIDE, WIDE),

@@ -64,8 +64,9 @@ class Prediction:
                 'module, lever, slider or coil'
             )
         self.model, self.edges, self.times = model, np.asarray(edges, dtype=float), np.asarray(times, dtype=float)
-        begins = np.r_[0.0, self.times[:-1]]
-        self._level = np.searchsorted(self.edges, begins + 1e-9, side='right') - 1  # of each stretch
+        self._begins = np.r_[0.0, self.times]  # of stretches, and the end of the last one
+        self._level = np.searchsorted(self.edges[:-1], self._begins + 1e-9, side='right') - 1  # of each stretch
+        self._uses_time = model.uses_time
         self._antagonistic, wires = model.compiled.antagonistic, model.wires
         # Wires are heated each for itself: of an antagonistic pair, part of the power may be that of one wire alone.
         self._p = own_scratch(model.compiled._replace(antagonistic=False))
@@ -112,9 +113,9 @@ class Prediction:
         return samples, ((self._rows[:, 1:] - samples[:, None]) / DELTA).transpose(0, 2, 1)
 
     def _run(self, call: Any, time: float, run: Run, J: Vector, gains: Vector, T_E: float, log: Log, *more: Any) -> None:
-        values = np.column_stack([self.heating(J, gains)[self._level], np.full(len(self.times), T_E)])
-        values = np.vstack([values, values[-1:]])
-        stretches = InputStretches(np.r_[time, time + self.times], values, np.zeros_like(values), self.model.uses_time)
+        values = np.full((len(self._begins), len(gains) + 1), T_E)
+        values[:, :-1] = self.heating(J, gains)[self._level]
+        stretches = InputStretches(time + self._begins, values, np.zeros_like(values), self._uses_time)
         own = copy_of_run(self.model, run)
         own.control[C_H] = FIRST_STEP
         status = call(stretches, own, self._p, self._work, self._limits, log, *more)
@@ -125,9 +126,9 @@ class Prediction:
         """Tangents at the beginning: nothing has moved yet."""
         a = self._tangents = self._tangents or self._new_tangents(run)
         slopes = np.stack([J >= 0.0, -1.0 * (J < 0.0)], axis=-1) if self._antagonistic else np.ones((len(J), 1))
-        stretches = np.arange(len(self._level))
+        stretches, levels = np.arange(len(self.times)), self._level[:-1]
         a.value_shift[:] = 0.0
-        a.value_shift[stretches, self._level, :-1] = (slopes * gains)[self._level]
+        a.value_shift[stretches, levels, :-1] = (slopes * gains)[levels]
         a.s[:], a.r[:], a.shift[:] = 0.0, 0.0, 0.0
         return a
 

@@ -230,7 +230,7 @@ class Planner:
             limits=np.repeat([given['guard.T_max'], given['guard.stress_max']], len(start.T_std)) - margins,
         )
         best = problem.plan_with(self._shifted(self.levels))
-        for _ in range(self._iterations):
+        for _ in range(self._iterations if self.levels.any() else 0):  # without a plan before it is of no use
             before, best = best, problem.improved(best)
             if not best.cost < ENOUGH * before.cost:
                 break

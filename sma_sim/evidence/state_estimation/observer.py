@@ -501,7 +501,9 @@ class Observer:
         prior = at_rest.state.y / scales
         prior[self._temperatures] += 0.5 * self._warming / self._scales_of_T
         about, found = prior.copy(), belief
-        for _ in range(ITERATIONS):
+        for number in range(ITERATIONS):
+            if number:
+                about = about + self._corrected(found, measured).mean[states]
             run, mean = copy_of_run(model, at_rest), np.zeros(self._size)
             run.state.y[:] = scales * about
             spread = self._put_between_transformations(run, reference, belief)
@@ -509,7 +511,6 @@ class Observer:
             covariance = spread @ self._at_any @ spread.T
             found = Belief(belief.time, reference, run, spread @ mean, covariance, belief.heating, belief.T_E, 1.0, False)
             found = self._balanced(found)
-            about = about + self._corrected(found, measured).mean[states]
         return found
 
     def _put_between_transformations(self, run: Run, reference: Reference, belief: Belief) -> Matrix:
