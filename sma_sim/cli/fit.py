@@ -20,11 +20,7 @@ from sma_sim.cli.common.data import (
     provenance_of,
     write_json,
 )
-from sma_sim.cli.common.options import (
-    add_config_options,
-    announce_first_compilation,
-    folders_beside,
-)
+from sma_sim.cli.common.options import add_config_options, announce_first_compilation, folders_beside
 from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, calibrate, limits_from
 from sma_sim.evidence.estimation.held_out_prediction import RunFit
 from sma_sim.evidence.estimation.search_context import iteration_words

@@ -105,8 +105,5 @@ def stage_change(before: ModelStage, after: ModelStage, training: Dataset, held_
 
 def most_changed(before: ModelStage, after: ModelStage, out: bool) -> str:
     """The channel whose squared error over noise decreased most."""
-    if out:
-        first, then = before.held_out_channel_errors, after.held_out_channel_errors
-    else:
-        first, then = before.channel_errors, after.channel_errors
+    first, then = (one.held_out_channel_errors if out else one.channel_errors for one in (before, after))
     return max((name for name in first if name in then), key=lambda name: first[name] ** 2 - then[name] ** 2)

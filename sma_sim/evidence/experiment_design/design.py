@@ -27,13 +27,7 @@ from sma_sim.evidence.experiment_design.forecast import (
     simulate_points,
 )
 from sma_sim.evidence.experiment_design.further_channels import further_channels
-from sma_sim.evidence.experiment_design.plan import (
-    DesignRequest,
-    ExpectedRatio,
-    InformationGain,
-    ParameterPrecision,
-    Plan,
-)
+from sma_sim.evidence.experiment_design.plan import DesignRequest, ExpectedRatio, InformationGain, ParameterPrecision, Plan
 from sma_sim.evidence.experiment_design.refitted_utilities import (
     RefitSearchResult,
     all_pairs,

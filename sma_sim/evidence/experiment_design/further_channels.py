@@ -21,12 +21,7 @@ from sma_sim.evidence.estimation.problem import LinearizedRun, Problem, lineariz
 from sma_sim.evidence.estimation.residuals import FitData
 from sma_sim.evidence.experiment_design.forecast import RunPrediction
 from sma_sim.evidence.experiment_design.rival_fits import ModelHypothesis
-from sma_sim.evidence.experiment_design.utilities import (
-    RivalPair,
-    discrimination_utility,
-    evidence_ratios,
-    information_gain,
-)
+from sma_sim.evidence.experiment_design.utilities import RivalPair, discrimination_utility, evidence_ratios, information_gain
 from sma_sim.evidence.search.posterior import TIE
 from sma_sim.model.arrays import Matrix
 

@@ -9,12 +9,7 @@ from functools import partial
 import numpy as np
 
 from sma_sim.evidence.data.recording import Dataset
-from sma_sim.evidence.estimation.calibrate import (
-    FINAL_RTOL,
-    FitOptions,
-    full_problem,
-    multistart_search,
-)
+from sma_sim.evidence.estimation.calibrate import FINAL_RTOL, FitOptions, full_problem, multistart_search
 from sma_sim.evidence.estimation.executors import run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize

@@ -17,13 +17,7 @@ from sma_sim.evidence.experiment_design.forecast import (
     predict_hypotheses,
     with_command,
 )
-from sma_sim.evidence.experiment_design.sequences import (
-    CommandGrid,
-    default_sequence,
-    mutated,
-    quantized,
-    random_sequence,
-)
+from sma_sim.evidence.experiment_design.sequences import CommandGrid, default_sequence, mutated, quantized, random_sequence
 from sma_sim.model.arrays import Vector
 
 Utility = Callable[[Sequence[RunPrediction]], float]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from types import MappingProxyType
 
 from sma_sim.compiler.effect_kernels import coordinate_fields
 from sma_sim.evidence.estimation.injection_points import STIFFNESS, Port, ports_of
@@ -35,14 +34,12 @@ class Location(Port):
 CHAIN_STAGES = {'actuation': 'gain', 'sensing': 'bias'}
 POWER_UNIT = 'W'  # of terms of the electrical power, whose port is a fraction of it
 SYMBOLS = {'wire_heat': 'Q', 'wire_strain': 'e', 'transformation_stress': 's_A = s_M', 'actuation': 'P', 'sensing': 'shown'}
-EVERY_WIRE_DESCRIPTIONS: Mapping[str, str] = MappingProxyType(
-    {
-        'heat': 'heat into each wire',
-        'strain': 'strain of each wire',
-        'stress': 'shift of both transformation stresses of each wire',
-        'power': 'electrical heating of each wire',
-    }
-)
+EVERY_WIRE_DESCRIPTIONS: Mapping[str, str] = {
+    'heat': 'heat into each wire',
+    'strain': 'strain of each wire',
+    'stress': 'shift of both transformation stresses of each wire',
+    'power': 'electrical heating of each wire',
+}
 
 
 def terms_at(port: Port, structure: Structure, config: Config) -> tuple[Term, ...]:

@@ -27,11 +27,7 @@ from sma_sim.evidence.symbolic_regression.locations import EVERY_WIRE, Location,
 from sma_sim.evidence.symbolic_regression.response_basis import by_combination, by_product, follows_slow_states
 from sma_sim.evidence.symbolic_regression.terms import ShapeParameter, Term
 from sma_sim.evidence.symbolic_regression.universal_term import universal_term
-from sma_sim.evidence.symbolic_regression.visited_states import (
-    VisitedStates,
-    term_values,
-    visited_states,
-)
+from sma_sim.evidence.symbolic_regression.visited_states import VisitedStates, term_values, visited_states
 from sma_sim.model.arrays import Vector
 
 RESPONSE_RTOL = 1e-4  # solver.rtol of the responses: both sides of each difference have it
