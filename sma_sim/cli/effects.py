@@ -21,6 +21,7 @@ TRIED_WORDS = {
     'timed': 'but in quasi-static tests, whose time says nothing',
     'never': 'never: switched on, it is part of the model',
 }
+PARAMETER_FIELDS = ('name', 'unit', 'default', 'bounds', 'neutral', 'realistic', 'description')
 LIST_FIELDS = ('confused_with', 'same_as', 'states')
 
 
@@ -56,18 +57,7 @@ def named_structure(arguments: argparse.Namespace) -> Structure:
 
 def effect_data(effect: Effect) -> dict[str, Any]:
     """An effect as plain data."""
-    parameters = [
-        {
-            'name': p.name,
-            'unit': p.unit,
-            'default': p.default,
-            'bounds': p.bounds,
-            'neutral': p.neutral,
-            'realistic': p.realistic,
-            'description': p.description,
-        }
-        for p in effect.parameters
-    ]
+    parameters = [{name: getattr(p, name) for name in PARAMETER_FIELDS} for p in effect.parameters]
     words = ('name', 'title', 'port', 'equation', 'source', 'description', 'energy', 'signature')
     plain = {name: getattr(effect, name) for name in (*words, *LIST_FIELDS)} | {'systems': systems_of(effect)}
     return plain | {'parameters': parameters, 'scopes': scope_names(effect)}

@@ -195,13 +195,5 @@ def intervals_of(diagnosis: Diagnosis) -> dict[str, dict[str, Any]]:
     uncertainty = diagnosis.calibration.uncertainty
     if uncertainty is None:
         return {}
-    return {
-        interval.name: {
-            'value': interval.value,
-            'low': interval.low,
-            'high': interval.high,
-            'unit': interval.unit,
-            'seen': interval.seen,
-        }
-        for interval in uncertainty.intervals
-    }
+    fields = ('value', 'low', 'high', 'unit', 'seen')
+    return {one.name: {name: getattr(one, name) for name in fields} for one in uncertainty.intervals}

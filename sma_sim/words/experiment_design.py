@@ -24,10 +24,7 @@ def plan_data(plan: Plan) -> dict[str, Any]:
         'hold_s': plan.grid.hold,
         'sequence': {'time_s': times.tolist(), plan.grid.columns[0]: levels.tolist()},
         'hypotheses': [hypothesis_data(hypothesis) for hypothesis in plan.hypotheses],
-        'expected_log_evidence_ratio': [
-            {'true': ratio.true, 'rival': ratio.rival, 'designed': ratio.designed, 'default': ratio.default}
-            for ratio in plan.expected
-        ],
+        'expected_log_evidence_ratio': [asdict(ratio) for ratio in plan.expected],
         'inseparable': [list(pair) for pair in plan.indistinguishable],
         'parameters': {parameter.name: precision_data(parameter) for parameter in plan.precision},
         'information_nat': {'designed': plan.gain.designed, 'default': plan.gain.default},

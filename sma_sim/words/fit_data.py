@@ -48,10 +48,7 @@ def fit_result_data(found: Calibration, predicted: Sequence[RunFit], dataset: Da
         'implausible': [implausible_data(parameter) for parameter in found.implausible],
         'by_recording': by_run_data(found.by_run),
         'held': {parameter.name: parameter.reason for parameter in found.fixed},
-        'other_starts': [
-            {'excess': start.excess, 'log_odds': start.log_odds, 'same': start.same, 'values': start.values}
-            for start in found.other_starts
-        ],
+        'other_starts': [dict(vars(start)) for start in found.other_starts],
         'noise_std': dataset.noise_std,
         'converged': found.converged,
         'interrupted': found.interrupted,

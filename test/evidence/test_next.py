@@ -24,7 +24,6 @@ from sma_sim.evidence.data.tables import write_columns
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.experiment_design import refitted_utilities, utilities
-from sma_sim.evidence.experiment_design.criteria import DESIGN_CRITERIA
 from sma_sim.evidence.experiment_design.curves import best_hypothesis, hypothesis_curves
 from sma_sim.evidence.experiment_design.design import (
     best_plan,
@@ -139,14 +138,15 @@ BETWEEN = ('gravity', 'sensor_bias')
 
 
 # Rivals are refitted to one default sequence, to the best of the linear search, and to one that is mutated from it.
-FEW_REFITS = {'min_refitted': 3, 'refitted_parents': 1, 'refitted_defaults': 1, 'refitted_batch': 1}
+FEW_REFITS = {'MIN_REFITTED': 3, 'REFITTED_PARENTS': 1, 'REFITTED_DEFAULTS': 1, 'REFITTED_BATCH': 1}
 
 
 @pytest.fixture(scope='module')
 def rivals():
     runs = measured(seconds=20.0)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(refitted_utilities, 'DESIGN_CRITERIA', replace(DESIGN_CRITERIA, **FEW_REFITS))
+        for name, value in FEW_REFITS.items():
+            patch.setattr(refitted_utilities, name, value)
         return runs, next_experiment(runs, config(), DesignRequest(BETWEEN, temperature=325.0, **SHORT))
 
 

@@ -16,7 +16,6 @@ from sma_sim.evidence.estimation.free_parameters import declared_parameters
 from sma_sim.evidence.estimation.prepared_fit import kinetics_to_try
 from sma_sim.evidence.estimation.residuals import command_column
 from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.experiment_design.criteria import DESIGN_CRITERIA
 from sma_sim.evidence.experiment_design.forecast import (
     ModelPoint,
     OperatingLimits,
@@ -72,6 +71,12 @@ from sma_sim.model.errors import UserError
 from sma_sim.model.progress import progress_in_words
 from sma_sim.model.structures.structure import Structure
 
+# A combination of parameters is weakly known if its standard deviation exceeds this fraction of its prior's: at a tenth, the
+# recordings say a hundred times what the prior says. At least so many are considered, since a design for one alone may tell
+# nothing of the next.
+WEAK_STD, MIN_DIRECTIONS = 0.1, 3
+LIMIT_MARGIN = 0.1  # of the rise above rest, by which a default limit exceeds what was reached: beyond, nothing was compared
+LINEAR_SHARE = 0.4  # of the budget, where rivals are refitted afterwards: the linear prediction is rough there
 PRECISION_CENTRES = 3  # at which derivatives are taken, where parameters are to be known: the model is not linear
 
 
@@ -249,7 +254,7 @@ def operating_limits(
     """Temperature and stress: as given, or a little above what the recordings reached under any hypothesis."""
     reached = [run for hypothesis in hypotheses for run in simulated_recordings(hypothesis, pool)]
     T_E = hypotheses[0].fitted.problem.config.parameters['environment.T_E']
-    margin = 1.0 + DESIGN_CRITERIA.limit_margin
+    margin = 1.0 + LIMIT_MARGIN
     temperature = request.temperature or float(T_E + margin * (max(run.temperature for run in reached) - T_E))
     stress = request.stress or float(margin * max(run.stress for run in reached))
     above = 'a tenth above what the recordings reached in the model'
@@ -275,7 +280,7 @@ def parameter_combinations(hypothesis: ModelHypothesis, request: DesignRequest) 
     names = [parameter.name for parameter in hypothesis.fitted.problem.free]
     if not request.parameters:
         p, covariance = len(names), hypothesis.root @ hypothesis.root.T
-        chosen = weak_directions(covariance[:p, :p], DESIGN_CRITERIA.weak_std, DESIGN_CRITERIA.min_directions)
+        chosen = weak_directions(covariance[:p, :p], WEAK_STD, MIN_DIRECTIONS)
         return np.hstack([chosen, np.zeros((len(chosen), hypothesis.shared - p))])
     for name in request.parameters:
         if name not in names:
@@ -306,7 +311,7 @@ def search_design(
 ) -> SearchOutcome:
     """The linear search, continued with refitted rivals where there are any. Raises UserError if no command is allowed."""
     single = len(hypotheses) == 1
-    budget = request.budget if single else round(DESIGN_CRITERIA.linear_share * request.budget)
+    budget = request.budget if single else round(LINEAR_SHARE * request.budget)
     linear = search_sequences(problem, budget, request.seed, context.on_progress)
     if linear is None:
         limits = problem.limits

@@ -21,7 +21,6 @@ from sma_sim.evidence.estimation.problem import Problem, residuals_at
 from sma_sim.evidence.estimation.residuals import FitData
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS, WEAKLY_DAMPED, StopCriteria
-from sma_sim.evidence.experiment_design.criteria import DESIGN_CRITERIA
 from sma_sim.evidence.experiment_design.forecast import with_command
 from sma_sim.evidence.experiment_design.rival_fits import ModelHypothesis
 from sma_sim.evidence.experiment_design.sequence_search import (
@@ -45,6 +44,12 @@ from sma_sim.solver.simulate import SimulationError
 REFIT_SAMPLES, REFIT_RTOL = 500, 1e-4  # of a recording, and of its simulation: every sequence costs many refits
 FAST_REFIT = replace(WEAKLY_DAMPED, max_iterations=12, min_decrease=1.0, relative_decrease=1e-3)
 DAMPED_REFIT = replace(FAST_REFIT, damping=FROM_PRIORS.damping)  # another way down, with short steps first
+# Sequences to which rivals are refitted: this share of the budget, since one costs a hundred times as much as a linear one,
+# but not fewer than two batches of them.
+REFIT_SHARE, MIN_REFITTED = 0.05, 8
+MAX_REFITTED_PAIRS = 6  # the least discriminated ones: their number grows with the square of the rivals, and three have six
+REFITTED_PARENTS = REFITTED_BATCH = 4  # half of those of the linear search
+REFITTED_DEFAULTS = 2  # a quarter of its default sequences
 RATIO_ACCURACY = 0.03  # fraction of a log evidence ratio that a step must gain to be followed by another
 TRUE_VALUES = 2  # the fit and a draw: a rival that cannot follow the one may follow the other
 
@@ -124,7 +129,7 @@ def refit_problem(
     pairs = all_pairs(len(hypotheses))
     linear = {ratio.pair: ratio.mean for ratio in evidence_ratios(best.predictions, pairs)}
     pairs.sort(key=lambda pair: (pair not in counted, linear[pair]))
-    considered = tuple(pairs[: DESIGN_CRITERIA.max_refitted_pairs])
+    considered = tuple(pairs[:MAX_REFITTED_PAIRS])
     return RefitProblem(thinned_rivals(training, hypotheses, context), considered, frozenset(counted), context)
 
 
@@ -228,13 +233,12 @@ def search_with_refits(
     on_progress: Callable[[str], None],
 ) -> RefitSearchResult | None:
     """Go on from the linear search with rivals refitted; None where Ctrl-C ended it before anything was evaluated."""
-    criteria, stop = DESIGN_CRITERIA, refits.context.stop
-    random = np.random.default_rng([refits.context.seed, 1])
-    most = max(criteria.min_refitted, round(criteria.refit_share * budget))
+    stop, random = refits.context.stop, np.random.default_rng([refits.context.seed, 1])
+    most = max(MIN_REFITTED, round(REFIT_SHARE * budget))
     on_progress(f'refitting rivals to {most} sequences')
-    defaults, confirmed = linear.defaults[: criteria.refitted_defaults], list[EvaluatedSequence]()
+    defaults, confirmed = linear.defaults[:REFITTED_DEFAULTS], list[EvaluatedSequence]()
     known = refit_to_sequences(refits, problem, defaults, FAST_REFIT)
-    levels, count = [sequence.levels for sequence in linear.best[: criteria.refitted_parents]], len(defaults)
+    levels, count = [sequence.levels for sequence in linear.best[:REFITTED_PARENTS]], len(defaults)
     while levels and not stop.is_set():
         try:
             evaluated = evaluate_sequences(problem, levels, keep_predictions=True)
@@ -246,8 +250,8 @@ def search_with_refits(
         new = refit_to_sequences(refits, problem, batch, FAST_REFIT)
         known = with_best_confirmed(refits, problem, [*known, *new], confirmed)
         on_progress(f'{count} of {most} evaluated with rivals refitted')
-        parents = [refitted.sequence.levels for refitted in known[: criteria.refitted_parents]]
+        parents = [refitted.sequence.levels for refitted in known[:REFITTED_PARENTS]]
         more = bool(parents) and count < most
-        levels = [mutated(parents, problem.grid, random) for _ in range(criteria.refitted_batch)] if more else []
+        levels = [mutated(parents, problem.grid, random) for _ in range(REFITTED_BATCH)] if more else []
     usual = tuple(refitted for refitted in known if any(refitted.sequence is default for default in defaults))
     return RefitSearchResult(known[0], usual, count, stop.is_set()) if known else None

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from sma_sim.evidence.estimation.residuals import FitData
-from sma_sim.evidence.experiment_design.criteria import DESIGN_CRITERIA
 from sma_sim.evidence.experiment_design.forecast import (
     EvaluationPoints,
     OperatingLimits,
@@ -21,6 +20,13 @@ from sma_sim.evidence.experiment_design.sequences import CommandGrid, default_se
 from sma_sim.model.arrays import Vector
 
 Utility = Callable[[Sequence[RunPrediction]], float]
+RANDOM_SHARE = 0.35  # of the budget, spent on random sequences before mutations: each shape is tried about three times
+BATCH = 8  # sequences that are evaluated at once: fixed, so that the result does not depend on the number of cores
+PARENTS = 8  # sequences that are kept for mutation: as many as a batch has
+DEFAULT_SEQUENCES = 8  # their mean is what a recording without a design brings, to a third of what single ones scatter
+# Factor by which a sequence shrinks that exceeds a limit, so that it ends within a fifth of it, and how often: what exceeds
+# it still at 7 % of its power is given up.
+SCALE_DOWN, MAX_SCALE_DOWNS = 0.8, 12
 
 
 @dataclass(frozen=True)
@@ -78,14 +84,14 @@ def evaluate_scaled_down(
     """Sequences evaluated, those that exceed a limit scaled down until they do not."""
     done: list[EvaluatedSequence | None] = [None] * len(sequences)
     levels = [quantized(sequence, problem.grid) for sequence in sequences]
-    for _ in range(DESIGN_CRITERIA.max_scale_downs):
+    for _ in range(MAX_SCALE_DOWNS):
         missing = [k for k, evaluated in enumerate(done) if evaluated is None]
         if not missing:
             break
         again = evaluate_sequences(problem, [levels[k] for k in missing], keep_predictions)
         for k, evaluated in zip(missing, again, strict=True):
             done[k] = evaluated
-            levels[k] = quantized(DESIGN_CRITERIA.scale_down * levels[k], problem.grid)
+            levels[k] = quantized(SCALE_DOWN * levels[k], problem.grid)
     return [evaluated for evaluated in done if evaluated is not None]
 
 
@@ -93,19 +99,19 @@ def search_sequences(
     problem: DesignProblem, budget: int, seed: int, on_progress: Callable[[str], None]
 ) -> SequenceSearchResult | None:
     """The best of about `budget` sequences; None where not even a weak one keeps the limits. Ctrl-C: the best so far."""
-    criteria, random = DESIGN_CRITERIA, np.random.default_rng(seed)
+    random = np.random.default_rng(seed)
     on_progress('evaluating default sequences')
-    first = [default_sequence(problem.grid, random) for _ in range(criteria.default_sequences)]
+    first = [default_sequence(problem.grid, random) for _ in range(DEFAULT_SEQUENCES)]
     defaults = evaluate_scaled_down(problem, first, keep_predictions=True)
     if not defaults:
         return None
     best = by_utility([EvaluatedSequence(default.levels, default.utility) for default in defaults])
-    count, interrupted = criteria.default_sequences, False
+    count, interrupted = DEFAULT_SEQUENCES, False
     try:
         while count < budget:
-            new = new_sequences(problem, best, random, count < criteria.random_share * budget)
-            count += criteria.batch
-            best = by_utility([*best, *new])[: criteria.parents]
+            new = new_sequences(problem, best, random, count < RANDOM_SHARE * budget)
+            count += BATCH
+            best = by_utility([*best, *new])[:PARENTS]
             on_progress(
                 f'{count} of {budget} sequences evaluated, utility {best[0].utility:.2f} (default {defaults[0].utility:.2f})'
             )
@@ -118,7 +124,7 @@ def new_sequences(
     problem: DesignProblem, best: Sequence[EvaluatedSequence], random: np.random.Generator, explore: bool
 ) -> list[EvaluatedSequence]:
     """A batch of random sequences (`explore`), or of mutations of the best, evaluated."""
-    batch = range(DESIGN_CRITERIA.batch)
+    batch = range(BATCH)
     if explore:
         return evaluate_scaled_down(problem, [random_sequence(problem.grid, random) for _ in batch])
     parents = [sequence.levels for sequence in best]

@@ -25,7 +25,6 @@ from sma_sim.evidence.estimation.prepared_fit import check_data, check_kinetics,
 from sma_sim.evidence.estimation.problem import Problem, residuals_at, start_point
 from sma_sim.evidence.estimation.search_context import OnProgress, SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS, TEMPERED
-from sma_sim.evidence.latent_input.criteria import LATENT_CRITERIA
 from sma_sim.evidence.latent_input.design_matrix import (
     DesignMatrix,
     LinearizationPoint,
@@ -59,6 +58,11 @@ from sma_sim.model.progress import progress_in_words
 from sma_sim.model.renamed import renamed
 from sma_sim.solver.simulate import SimulationError
 
+# How far hypotheses are followed, and when two leave as much; whether an input is named is decided by its odds.
+MAX_RUNS = 3  # with the largest error, where a missing quantity shows first: the cost grows with the samples
+BIASED_FIT_ERROR = 1.1  # error above which a fit is biased by what the model lacks: estimated noise may be wrong by a tenth
+TIE_RATIO = 1.1  # errors within it of the least explain equally well: a tenth, as above
+REPORTED_IF_NONE = 6  # hypotheses, where nothing is missing: what fits a table, none of them decides anything
 BAND_SIGMAS = 1.96  # half width of a 95 % band in standard deviations
 NUISANCE_SAMPLES = 1000  # per run, on which starts and delay are estimated: a handful of unknowns
 EXTERNAL_HOOKS = ('structure_force', 'wire_heat', 'actuation')  # named before strain, transformation stress and sensors
@@ -184,7 +188,7 @@ def worst_runs(fitted: FitResult, pool: Executor) -> list[int]:
     """The runs with the largest error, in their order."""
     residuals = residuals_at(fitted.problem, fitted.z, pool)
     sizes = [0.0 if run is None else float(np.mean(run**2)) for run in residuals]
-    return sorted(np.argsort(sizes)[::-1][: LATENT_CRITERIA.max_runs].tolist())
+    return sorted(np.argsort(sizes)[::-1][:MAX_RUNS].tolist())
 
 
 def problem_on_all_samples(training: Dataset, fitted: FitResult, chosen: Sequence[int]) -> tuple[Problem, Vector]:
@@ -243,7 +247,7 @@ def search_inputs(training: Dataset, fitted: FitResult, may_refit: bool, context
         False,
         0.0,
     )
-    if may_refit and fitted.error > LATENT_CRITERIA.biased_fit_error:
+    if may_refit and fitted.error > BIASED_FIT_ERROR:
         context.on_progress('fitting with a tempered likelihood')
         fitted = tempered_fit(fitted, context)[0]
     start = linearization_point(*problem_on_all_samples(training, fitted, chosen))
@@ -282,7 +286,7 @@ def evaluate_hypotheses(
     if result.probability > EVEN:
         refined = refine_hypotheses(start, evidences, context)
     simulated = {hypothesis.hypothesis.name: hypothesis for hypothesis in refined}
-    reported = [hypothesis.evidence for hypothesis in refined] or evidences[: LATENT_CRITERIA.reported_if_none]
+    reported = [hypothesis.evidence for hypothesis in refined] or evidences[:REPORTED_IF_NONE]
     inflation = min(
         [hypothesis.inflation for hypothesis in refined] or [noise_inflation(evidence, 1.0) for evidence in reported]
     )
@@ -314,7 +318,7 @@ def best_explanation(findings: Sequence[InputFinding]) -> InputFinding:
     A force, heat or power needs a cause; a material that changes with time, or a sensor, can imitate each.
     """
     least = min(finding.error for finding in findings)
-    near = [finding for finding in findings if finding.error <= LATENT_CRITERIA.tie_ratio * least]
+    near = [finding for finding in findings if finding.error <= TIE_RATIO * least]
     external = [finding for finding in near if finding.hypothesis.hook in EXTERNAL_HOOKS]
     return max(external or near, key=lambda finding: finding.log_evidence)
 
@@ -326,7 +330,7 @@ def confounded_with_best(findings: Sequence[InputFinding], forces_measured: bool
     for finding in findings[1:]:
         why = confounding_reason(best.hypothesis, finding.hypothesis, forces_measured)
         undecided = abs(best.log_evidence - finding.log_evidence) < TIE
-        if finding.error <= LATENT_CRITERIA.tie_ratio * least and (why or undecided):
+        if finding.error <= TIE_RATIO * least and (why or undecided):
             confounded[finding.name] = why or 'these recordings do not tell'
     return confounded
 

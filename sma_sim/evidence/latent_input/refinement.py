@@ -17,7 +17,6 @@ import numpy as np
 from sma_sim.evidence.estimation.executors import run_in_threads, workers_of
 from sma_sim.evidence.estimation.injection_points import Port
 from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.latent_input.criteria import LATENT_CRITERIA
 from sma_sim.evidence.latent_input.design_matrix import LinearizationPoint, Stopped, design_matrix
 from sma_sim.evidence.latent_input.hypotheses import InputHypothesis
 from sma_sim.evidence.latent_input.ranking import (
@@ -34,6 +33,11 @@ from sma_sim.solver.simulate import SimulationError
 STEP_FRACTIONS = (1.0, 0.5, 0.25, 0.1)  # of a linear step that are simulated
 INFLATION_COUNT = 3  # noise variances, from what the linear model would leave to what is left now
 TEMPERING_POWERS = (0.5, 0.25)  # of the present inflation, under which the prior is chosen; the first alone at first
+MAX_FINALISTS = 5  # quantities that are simulated for more than one step, which takes most of the time
+# Ratio to the least error above which a hypothesis is given up, by step: the first ones are lenient, since a linear estimate
+# may start far from where it leads. One whose error falls to FAST_REDUCTION in a step stays as long as the first allows.
+GIVE_UP_RATIOS, FAST_REDUCTION = (3.0, 1.3, 1.15, 1.1), 0.75
+CONVERGED_REDUCTION = 0.95  # fraction of the squares before: a step that leaves more is the last
 
 
 @dataclass(frozen=True)
@@ -84,7 +88,7 @@ def refine_hypotheses(
     if stop.is_set():
         raise Stopped
     given_up: list[RefinedHypothesis] = []
-    for ratio in LATENT_CRITERIA.give_up_ratios:
+    for ratio in GIVE_UP_RATIOS:
         given_up += [hypothesis for hypothesis in refined if not is_contender(hypothesis, refined[0], ratio)]
         refined = [hypothesis for hypothesis in refined if is_contender(hypothesis, refined[0], ratio)]
         if all(hypothesis.converged for hypothesis in refined):
@@ -98,7 +102,7 @@ def refine_hypotheses(
             break
         next_steps = [partial(best_step, hypothesis, TEMPERING_POWERS, context) for hypothesis in refined]
         refined = by_squares(run_in_threads(next_steps, stop, workers))
-    limit = LATENT_CRITERIA.give_up_ratios[-1] * refined[0].error
+    limit = GIVE_UP_RATIOS[-1] * refined[0].error
     near = [hypothesis for hypothesis in refined if hypothesis.error <= limit]
     return by_squares([*refined, *given_up, *single_wire_variants(near, context)])
 
@@ -110,10 +114,8 @@ def hypothesis_names(refined: Sequence[RefinedHypothesis]) -> str:
 
 def is_contender(hypothesis: RefinedHypothesis, best: RefinedHypothesis, ratio: float) -> bool:
     """Whether another step is worth its time."""
-    fast = hypothesis.reduction <= LATENT_CRITERIA.fast_reduction
-    return hypothesis.error <= ratio * best.error or (
-        fast and hypothesis.error <= LATENT_CRITERIA.give_up_ratios[0] * best.error
-    )
+    fast = hypothesis.reduction <= FAST_REDUCTION
+    return hypothesis.error <= ratio * best.error or (fast and hypothesis.error <= GIVE_UP_RATIOS[0] * best.error)
 
 
 def single_wire_variants(refined: Sequence[RefinedHypothesis], context: SearchContext) -> list[RefinedHypothesis]:
@@ -168,7 +170,7 @@ def best_by_quantity(refined: Sequence[RefinedHypothesis]) -> list[RefinedHypoth
     for hypothesis in by_squares(refined):
         best.setdefault(hypothesis.hypothesis.group, hypothesis)
     extended = [extended_to(hypothesis, widest[group]) for group, hypothesis in best.items()]
-    return extended[: LATENT_CRITERIA.max_finalists]
+    return extended[:MAX_FINALISTS]
 
 
 def extended_to(best: RefinedHypothesis, both: RefinedHypothesis) -> RefinedHypothesis:
@@ -197,7 +199,7 @@ def best_step(hypothesis: RefinedHypothesis, powers: Sequence[float], context: S
         squares, inflation = simulated_squares(point, context.pool)
         if squares < best.squares:
             best = RefinedHypothesis(point, evidence, squares, inflation)
-    if best.squares > LATENT_CRITERIA.converged_reduction * hypothesis.squares:
+    if best.squares > CONVERGED_REDUCTION * hypothesis.squares:
         return replace(hypothesis, converged=True, reduction=1.0)
     return replace(best, reduction=best.error / hypothesis.error)
 
