@@ -36,6 +36,7 @@ def of_variable(name: str, value: str, unit: str, variable: str, offset: str = '
     wavenumber = ShapeParameter(
         'k', f'rad/({unit})' if unit != 'rad' else '-', 'wavenumber', variable, description='2 pi over the period'
     )
+    phase = ShapeParameter('phase', 'rad', 'phase', description='phase')
     away = f'{value} - {{{at.name}}}'
     ratio = f'(({away}) / {{width}})'
     on = (variable,)
@@ -50,13 +51,7 @@ def of_variable(name: str, value: str, unit: str, variable: str, offset: str = '
         Term(f'{name}_bump', f'math.exp(-{ratio} ** 2)', '-', on, (at, width)),
         Term(f'{name}_well', f'{ratio} * math.exp(-{ratio} ** 2)', '-', on, (at, width)),
         Term(f'{name}_attraction', f'{ratio} / (1.0 + {ratio} ** 2) ** {{power}}', '-', on, (at, width, DECAY_POWER)),
-        Term(
-            f'{name}_wave',
-            f'math.sin({{k}} * {value} + {{phase}})',
-            '-',
-            on,
-            (wavenumber, ShapeParameter('phase', 'rad', 'phase', description='phase')),
-        ),
+        Term(f'{name}_wave', f'math.sin({{k}} * {value} + {{phase}})', '-', on, (wavenumber, phase)),
     ]
 
 
@@ -108,15 +103,10 @@ def heat_terms() -> tuple[Term, ...]:
 def power_terms() -> tuple[Term, ...]:
     """Electrical heating: all in proportion to a power of the command of the wire."""
     command = Term('J', 's.J', 'W', ('J',))
+    onset = ShapeParameter('J_0', 'W', 'width', 'J', description='power above which it is proportional')
     return (
         *(term for term in of_variable('J', 's.J', 'W', 'J') if term.name in ('J', 'J_square', 'J_cube', 'J_above')),
-        Term(
-            'J_soft_onset',
-            's.J * math.tanh(s.J / {J_0})',
-            'W',
-            ('J',),
-            (ShapeParameter('J_0', 'W', 'width', 'J', description='power above which it is proportional'),),
-        ),
+        Term('J_soft_onset', 's.J * math.tanh(s.J / {J_0})', 'W', ('J',), (onset,)),
         times(command, Term('x', 's.x', '-', ('x',))),
         times(command, Term('x_square', 's.x ** 2', '-', ('x',))),
         times(command, Term('dT', 's.T - s.T_E', 'K', ('T',))),
@@ -152,20 +142,12 @@ def friction(name: str, rate: str, unit: str, variable: str, scale: float) -> li
         'z_0', unit, 'fixed', values=(0.3 * scale, scale, 3.0 * scale), description='travel over which it builds up'
     )
     leak = ShapeParameter('tau', 's', 'time_constant', description='time in which it decays at rest')
-    on = (f'd{variable}', 'memory')
+    on, builds_up = (f'd{variable}', 'memory'), f'{rate} - abs({rate}) * m.z / {{z_0}}'
     return [
         Term(f'{name}_damping', rate, f'{unit}/s', on[:1]),
         Term(f'{name}_friction', f'math.tanh({rate} / {{w}})', '-', on[:1], (speed,)),
-        Term(f'{name}_hysteresis', 'm.z / {z_0}', '-', on, (reach,), f'{rate} - abs({rate}) * m.z / {{z_0}}', scale=scale),
-        Term(
-            f'{name}_leaking',
-            'm.z / {z_0}',
-            '-',
-            on,
-            (reach, leak),
-            f'{rate} - abs({rate}) * m.z / {{z_0}} - m.z / {{tau}}',
-            scale=scale,
-        ),
+        Term(f'{name}_hysteresis', 'm.z / {z_0}', '-', on, (reach,), builds_up, scale=scale),
+        Term(f'{name}_leaking', 'm.z / {z_0}', '-', on, (reach, leak), f'{builds_up} - m.z / {{tau}}', scale=scale),
         Term(f'{name}_relaxing', 'm.z', unit, on, (leak,), f'{rate} - m.z / {{tau}}', scale=10.0 * scale),
     ]
 

@@ -34,13 +34,9 @@ class UniversalTerm:
 
     def values(self, location: Location, term: Term, coefficient: float, shapes: Sequence[float]) -> dict[str, float]:
         """Its parameters for one term at one location."""
-        numbered = {f'q_{k}': shape for k, shape in enumerate(shapes)}
-        return {
-            'term': float([*map(text_of, self.terms)].index(text_of(term))),
-            'component': float(location.component),
-            'c': coefficient,
-            **numbered,
-        }
+        number = float([*map(text_of, self.terms)].index(text_of(term)))
+        chosen = {'term': number, 'component': float(location.component), 'c': coefficient}
+        return chosen | {f'q_{k}': shape for k, shape in enumerate(shapes)}
 
 
 def text_of(term: Term) -> tuple[str, str, str]:
