@@ -1,7 +1,9 @@
-"""Many robots of one kind, each stepped at a fixed rate, in one call of compiled code."""
+"""Many robots of one kind, each stepped at a fixed rate, in one call of compiled code for each processor thread."""
 
 from __future__ import annotations
 
+import os
+import threading
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,6 +22,7 @@ from sma_sim.solver.simulate import new_run, new_work, stall_step
 from sma_sim.solver.work import Work, copy_into
 
 MAX_JUMPS = 1000  # of a wire within one step, which nobody reads
+LEAST_PART = 8  # robots that are worth a thread of their own, whose start takes as long as a step of one
 
 
 class Batch(NamedTuple):
@@ -41,7 +44,7 @@ class Batch(NamedTuple):
 
 
 def step_side_by_side(which: Integers, b: Batch, held: HeldInput, like: System, w: Work, limits: Limits, log: Log) -> None:
-    """Make a step of the robots `which`; `like` is the equations of any of them, `w` scratch memory of all.
+    """Make a step of the robots `which`; `like` is the equations of any of them, `w` scratch memory of these.
 
     `held` says what their inputs have in common, `log` where what nobody reads is written.
     """
@@ -69,16 +72,19 @@ class SideBySide:
 
     def __init__(self, model: Model, rate: float, count: int) -> None:
         structure, self.rate, self._model = model.structure, float(rate), model
-        self._work = new_work(model)
-        run = new_run(model, np.array([*np.zeros(len(structure.input_columns) - 1), 298.0]), self._work)
+        threads = max(1, min(os.cpu_count() or 1, count // LEAST_PART))
+        works = [new_work(model) for _ in range(threads)]
+        run = new_run(model, np.array([*np.zeros(len(structure.input_columns) - 1), 298.0]), works[0])
         self._kept: list[object] = [None] * count  # what the addresses need to live
         self._pin = package_compiler().function(pin_system)
         self._step = package_compiler().function(step_side_by_side)
         still = np.zeros(len(structure.input_columns))
         self._held = HeldInput(0, self.rate, still[None], still, model.uses_time, 1)
-        samples, jumps = np.zeros((1, sample_columns(structure).size)), np.zeros((MAX_JUMPS, 3))
-        self._log = Log(samples, np.zeros(0), np.zeros(1, dtype=np.int64), jumps, WHOLE_ROWS)
-        state, n, whole = run.state, len(self._work.weight), sample_columns(structure).size
+        state, n, whole = run.state, len(works[0].weight), sample_columns(structure).size
+        self._of_threads = [
+            (work, Log(np.zeros((1, whole)), np.zeros(0), np.zeros(1, dtype=np.int64), np.zeros((MAX_JUMPS, 3)), WHOLE_ROWS))
+            for work in works
+        ]
         self._batch = Batch(
             y=np.zeros((count, n)),
             mode=rows_like(state.mode, count),
@@ -115,7 +121,15 @@ class SideBySide:
         b = self._batch
         b.values[:], b.status[:] = inputs, COMPLETED
         limits = Limits(np.inf, MAX_STEPS_PER_STEP, stall_step(self._model))
-        self._step(which, b, self._held, self._model.compiled, self._work, limits, self._log)
+        like, threads = self._model.compiled, []
+        for part, (work, log) in zip(np.array_split(which, len(self._of_threads)), self._of_threads, strict=True):
+            arguments = (part, b, self._held, like, work, limits, log)
+            threads.append(threading.Thread(target=self._step, args=arguments))
+        for one in threads[1:]:
+            one.start()
+        threads[0].run()
+        for one in threads[1:]:
+            one.join()
         return np.asarray(b.status != COMPLETED)
 
 

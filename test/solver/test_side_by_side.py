@@ -40,3 +40,24 @@ def test_a_robot_begins_anew_while_others_go_on():
     robots.put(0, model, first)
     assert np.array_equal(robots.samples[0], FixedRateRun(model, 50.0, first).sample)
     assert np.array_equal(robots.samples[1], kept) and not np.array_equal(kept, robots.samples[0])
+
+
+@pytest.mark.parametrize('system', ['module', 'slider'])
+def test_steps_do_not_depend_on_the_number_of_threads(system, monkeypatch):
+    count, first, random = 40, np.array([0.0, 298.0]), np.random.default_rng(3)
+    models = [
+        Model(Config({'wire.sigma_MW0': s}, system, 'hybrid', ('driver_lag', 'sensor_lag')))
+        for s in np.linspace(1.2e8, 1.3e8, count)
+    ]
+    made = []
+    for threads in (1, 4):
+        monkeypatch.setattr('os.cpu_count', lambda threads=threads: threads)
+        made.append(SideBySide(models[0], 50.0, count))
+        for i, model in enumerate(models):
+            made[-1].put(i, model, first)
+    for _ in range(40):
+        which = np.flatnonzero(random.random(count) < 0.8)
+        inputs = np.column_stack([random.uniform(0.0, 8.0, count), np.full(count, 298.0)])
+        failed = [one.step(inputs, which) for one in made]
+        assert not np.any(failed) and np.array_equal(made[0].samples, made[1].samples)
+    assert np.ptp(made[0].samples, axis=0).max() > 0.0
