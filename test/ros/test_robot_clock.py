@@ -3,7 +3,11 @@
 import numpy as np
 import pytest
 
+from sma_sim import Config, Model
+from sma_sim.guard import Guard
+from sma_sim.observer import Observer
 from sma_sim.ros.robot_clock import FIRST_AHEAD, WINDOW, RobotClock
+from sma_sim.solver.fixed_rate import FixedRateRun
 
 
 def heard(clock, stamps, arrivals):
@@ -68,3 +72,21 @@ def test_a_pause_of_the_robot_is_no_jump():
     arrivals = made + 10.0 * (made > 1.5)
     assert not any(heard(clock, made, arrivals))
     assert clock.pace == pytest.approx(1.0) and clock.at(arrivals[-1] + WINDOW) == pytest.approx(made[-1] + WINDOW)
+
+
+@pytest.mark.parametrize('ahead', [0.1, 0.3])
+def test_no_wire_burns_behind_a_guard_where_a_clock_is_set_ahead(ahead):
+    """A wire at its limit does not cool in time that has not passed; heating was off as the clock was set."""
+    limit, first = 360.0, np.array([0.0, 298.0])
+    config = Config({'guard.T_max': limit, 'observer.parameter_std': 0.01})
+    observer, guard, clock = Observer(config), Guard(config), RobotClock()
+    run, J, set_by, T = FixedRateRun(Model(Config(kinetics='mas')), 50.0, first), 0.0, 0.0, []
+    for k in range(200):
+        stamp = 1000.0 + k / 50.0 + ahead * (k >= 150)
+        set_by += clock.hear(stamp, 7.0 + k / 50.0)
+        estimate = observer.update(stamp - set_by, J, {'alpha': run.shown('alpha')})
+        J = guard.limit(0.0 if k == 149 else 25.0, estimate, stamp - set_by).J_eq[0]
+        observer.update(stamp - set_by, J)
+        run.step(np.array([J, 298.0]))
+        T.append(run.shown('T_1'))
+    assert limit - 8.0 < max(T[:149]) < limit and max(T) < limit
