@@ -1,5 +1,7 @@
 """Tests of many cycles in one file: cycles are found, evaluated one by one, and their drift is told and fitted."""
 
+from threading import Event
+
 import numpy as np
 import pytest
 from isobaric_runs import BENCH
@@ -7,8 +9,15 @@ from test_curve_features import COLD, COOLING, HEATING, HOT, way
 
 from sma_sim import FitOptions, Input, Model, Recording, calibrate, compare, read_config, read_dataset, simulate
 from sma_sim.evidence.data.quasi_static import FIRST_CYCLES, cycles, first_cycles, turning_rows
+from sma_sim.evidence.estimation.calibrate import multistart_search
 from sma_sim.evidence.estimation.curve_features import isobaric_features
+from sma_sim.evidence.estimation.executors import executor_or_threads
+from sma_sim.evidence.estimation.prepared_fit import prepare
+from sma_sim.evidence.estimation.residuals import Nuisance, fit_data, weighted_residuals
+from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.residual_analysis.wire_tests import characterization
+from sma_sim.evidence.search import propose
+from sma_sim.evidence.search.components import catalogue_for
 from sma_sim.report.html.characterization import characterization_section
 from sma_sim.report.html.page import Grid, Table
 from sma_sim.words.wire_tests import characterization_data, shown_cycles
@@ -94,35 +103,73 @@ def test_other_tests_are_searched_whole(other):
     assert first_cycles(other) is other
 
 
-@pytest.fixture(scope='module')
-def whole_file(tmp_path_factory):
-    """A wire that fatigues, 12 cycles in one file whose thermometer has a noise of 3 K; time was not noted."""
-    fatigue = {'eps_r': 3e-3, 'sigma_r': 4e7, 'z_r': 10.0}
-    effects = ['smooth_transformation', 'functional_fatigue:' + ','.join(f'{k}={v}' for k, v in fatigue.items())]
+FATIGUE = {'eps_r': 3e-3, 'sigma_r': 4e7, 'z_r': 10.0}
+EFFECTS = ('smooth_transformation', 'functional_fatigue')
+
+
+def fatiguing_wire(folder, rows, noise, seed, fatigue=FATIGUE):
+    """A wire that fatigues, 12 cycles of so many rows each way in one file whose thermometer has a noise [K]; time was not
+    noted."""
+    effects = [EFFECTS[0], f'{EFFECTS[1]}:' + ','.join(f'{k}={v}' for k, v in fatigue.items())]
     truth = read_config(words=[*BENCH, 'wire.T0=385', 'wire.sigma_MW0=2e8'], effects=effects)
-    random = np.random.default_rng(4)
-    down = np.linspace(560.0, 310.0, 120)
+    random = np.random.default_rng(seed)
+    down = np.linspace(560.0, 310.0, rows)
     T = np.concatenate([np.concatenate([down, down[::-1]]) for _ in range(COUNT)])
     times = np.concatenate([[0.0], np.cumsum(np.maximum(np.abs(np.diff(T)) / 0.5, 1e-3))])
     values = np.column_stack([np.full(len(T), 2e8), T, 0.0 * T, np.full(len(T), 298.0)])
     structure = truth.structure.structure
     source = Input(times, values, (True, True, False, False), structure.input_columns)
     strain = simulate(Model(truth), source, times)['strain']
-    folder = tmp_path_factory.mktemp('cycles')
-    columns = np.column_stack([T - 273.15 + 3.0 * random.normal(size=len(T)), strain + 3e-5 * random.normal(size=len(T))])
+    columns = np.column_stack([T - 273.15 + noise * random.normal(size=len(T)), strain + 3e-5 * random.normal(size=len(T))])
     np.savetxt(folder / 'whole.csv', columns, delimiter=',', header='T_C,strain', comments='')
     (folder / 'map.yaml').write_text(
         'system: wire\ntime_s: {path: T_C, rate: 0.5}\nT_K: {column: T_C, offset: 273.15}\nstrain: strain\n'
         'stress_Pa: {value: 2.0e+8}\n'
     )
-    return truth, fatigue, read_dataset([folder / 'whole.csv'], structure.name, mapping=folder / 'map.yaml')
+    return truth, read_dataset([folder / 'whole.csv'], structure.name, mapping=folder / 'map.yaml')
+
+
+@pytest.fixture(scope='module')
+def whole_file(tmp_path_factory):
+    """A file with many rows, so that the noise of the thermometer can be taken out."""
+    truth, dataset = fatiguing_wire(tmp_path_factory.mktemp('cycles'), 120, 3.0, 4)
+    return truth, FATIGUE, dataset
+
+
+def root_mean_square(values):
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def test_rows_of_few_are_as_uncertain_as_they_are_steep(tmp_path):
+    """The noise of the thermometer is too fast to be taken out: it shows where the wire transforms, and nowhere else."""
+    truth, dataset = fatiguing_wire(tmp_path, 40, 2.0, 11)
+    (recording,) = dataset.recordings
+    assert recording.imposed_std['T_K'] == pytest.approx(2.0, rel=0.15)
+    run = fit_data(recording, dataset.noise_std)
+    (residuals,) = weighted_residuals(truth, run, Nuisance(unknown_zero=True))
+    strain = recording.channels['strain']
+    part = (strain - strain.min()) / np.ptp(strain)
+    steep = (part > 0.3) & (part < 0.7)
+    assert root_mean_square(residuals[steep]) < 2.0 and root_mean_square(residuals[~steep]) < 1.0
+
+
+@pytest.mark.parametrize('seed', [11, 12])
+def test_noise_of_a_thermometer_in_sparse_rows_is_no_effect(tmp_path, seed):
+    """Beside the true effects others promised a hundred nats, a peak of nucleation among them, by what the noise left where
+    the wire transforms."""
+    truth, dataset = fatiguing_wire(tmp_path, 40, 2.0, seed, {'eps_r': 2e-3, 'sigma_r': 4e7, 'z_r': 20.0})
+    with executor_or_threads(None) as pool:
+        context = SearchContext(pool, Event(), lambda line: None)
+        fit = multistart_search(prepare(dataset, truth, 'hybrid'), FitOptions(starts=1), context)
+        promised = propose.listed(fit, catalogue_for(fit, context), set(EFFECTS), context)
+    assert fit.values_of('functional_fatigue')['eps_r'] == pytest.approx(2e-3, rel=0.15)
+    assert max((one.promise for one in promised), default=0.0) < 5.0
 
 
 def test_fatigue_over_the_cycles_is_fitted(whole_file):
     """Known with sigma_T only is by how much the plateaus sink: at one stress temperature and stress are one."""
     truth, fatigue, dataset = whole_file
-    effects = ('smooth_transformation', 'functional_fatigue')
-    start = read_config(words=[*BENCH[:4], 'wire.T0=385', 'wire.sigma_MW0=2e8', 'wire.sigma_T=8e6'], effects=effects)
+    start = read_config(words=[*BENCH[:4], 'wire.T0=385', 'wire.sigma_MW0=2e8', 'wire.sigma_T=8e6'], effects=EFFECTS)
     found = calibrate(dataset, start, FitOptions(starts=1))
     values = dict(zip(fatigue, found.config.effects[1].values, strict=True))
     assert found.error < 1.3 and values['eps_r'] == pytest.approx(fatigue['eps_r'], rel=0.1)

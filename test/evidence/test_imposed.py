@@ -77,6 +77,20 @@ def test_a_sparse_test_is_taken_as_measured(sparse):
     assert (without_noise(given).values == given).all()
 
 
+@pytest.mark.parametrize('rows', [30, 40, 60])
+@pytest.mark.parametrize('std', [0.5, 1.0, 2.0])
+def test_noise_below_the_steps_is_known_though_it_stays(rows, std):
+    """By how many steps go back; none where they only differ, or where it is a motion that turns."""
+    truth = legs(300.0, *[(rows, 500.0), (rows, 300.0)] * 12)
+    given = truth + std * np.random.default_rng(rows).normal(size=len(truth))
+    found = without_noise(given)
+    assert (found.values == given).all() and found.noise == 0.0
+    assert found.error == pytest.approx(std, rel=0.2)
+    uneven = np.concatenate([[300.0], 300.0 + np.cumsum(np.random.default_rng(0).uniform(1.0, 5.0, 60))])
+    for exact in (truth, uneven, np.concatenate([uneven, uneven[::-1]])):
+        assert without_noise(exact).error < 1e-9
+
+
 def test_noise_that_differs_along_a_test_is_noise():
     """Of an infrared thermometer, which is worse where it is warm; and rare spikes of one row are no motion."""
     truth, random = zigzag(), np.random.default_rng(4)

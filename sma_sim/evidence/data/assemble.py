@@ -316,8 +316,9 @@ def imposed_without_noise(file: SourceFile, columns: dict[str, Vector], notes: l
         given = columns[name]
         found = without_noise(given)
         columns[name] = found.values
-        if found.noise > 0.0:
+        if found.error > 0.0:
             errors[name] = found.error
+        if found.noise > 0.0:
             is_constant = np.ptp(found.values) == 0.0
             words = f'taken as constant, {found.values[0]:.6g}' if is_constant else 'taken without it'
             notes.append(f'{name}: measured with a noise of {found.noise:.3g}, which the wire has not felt: {words}')

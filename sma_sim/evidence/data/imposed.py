@@ -7,15 +7,18 @@ which a hysteresis stays behind: the errors do not average out.
 from __future__ import annotations
 
 from math import sqrt
+from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
+from sma_sim.evidence.data.noise import difference_scale
 from sma_sim.model.arrays import Vector
 
 NOISY = 1.0 / 3.0  # of all steps go back: half as many as those of white noise (Bienayme 1874), far more than of a motion
+FEW_BACK = 3.0  # steps that go back: so few may be turns of a motion
 MIN_ROWS = 20  # fewer tell nothing of noise
 STDS = 3.0  # by which von Neumann's ratio of white noise may be less than 2
 FAR = 5.0  # standard deviations from the line: no noise of two rows side by side; of a single row, which cannot be told
@@ -45,7 +48,7 @@ def without_noise(values: Vector) -> Imposed:
     known = np.isfinite(values)
     given = values[known]
     if len(given) < MIN_ROWS or turning_part(given) < NOISY:
-        return Imposed(values)
+        return Imposed(values, error=noise_between_steps(given))
     std = noise_of_turns(given)
     found = values.copy()
     found[known], numbers = fewest_corners(given, std)
@@ -60,6 +63,20 @@ def turning_part(values: Vector) -> float:
     steps = np.diff(values)
     steps = steps[steps != 0.0]
     return float(np.mean(steps[1:] * steps[:-1] < 0.0)) if len(steps) > 1 else 0.0
+
+
+def noise_between_steps(values: Vector) -> float:
+    """The standard deviation of noise on values (k,) that is less than most of their steps, by how many of these go back.
+
+    No more than what third differences leave, by which all noise is seen, and steps that differ as well. 0 where no more go
+    back than the values turn: what moves on in one way is known as it is.
+    """
+    steps = np.abs(np.diff(values[np.append(True, np.diff(values) != 0.0)]))
+    back = 0.5 * turning_part(values)  # a step that goes back is one of two that turn
+    rough = difference_scale(np.arange(float(len(values))), values)
+    if rough is None or back * len(steps) < FEW_BACK:
+        return 0.0
+    return min(rough, float(np.median(steps)) / (sqrt(2.0) * NormalDist().inv_cdf(1.0 - back)))
 
 
 def noise_of_turns(values: Vector) -> Vector:

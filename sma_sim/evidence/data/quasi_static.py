@@ -34,14 +34,19 @@ def cycles(T: Vector, values: Vector) -> list[Cycle]:
 
     `T`, `values` (k,). A test is split where its temperature turns. Ways that are not WHOLE belong to no cycle.
     """
+    return [((T[heating], values[heating]), (T[cooling], values[cooling])) for heating, cooling in whole_cycles(T)]
+
+
+def whole_cycles(T: Vector) -> list[tuple[slice, slice]]:
+    """The rows of heating and cooling of all cycles of temperatures (k,)."""
     corners = turning_rows(T)
     ways = [slice(first, last + 1) for first, last in zip(corners[:-1], corners[1:], strict=True)]
     whole = [abs(T[way.stop - 1] - T[way.start]) >= WHOLE * np.ptp(T) for way in ways]
-    found, k = list[Cycle](), 0
+    found, k = list[tuple[slice, slice]](), 0
     while k < len(ways) - 1:
         if whole[k] and whole[k + 1]:
-            first, second = ((T[way], values[way]) for way in ways[k : k + 2])
-            found.append((first, second) if T[ways[k].stop - 1] > T[ways[k].start] else (second, first))
+            first, second = ways[k : k + 2]
+            found.append((first, second) if T[first.stop - 1] > T[first.start] else (second, first))
         k += 2 if whole[k] and whole[k + 1] else 1
     return found
 
@@ -106,24 +111,17 @@ def smoothed_way(T: Vector, values: Vector) -> tuple[Vector, Vector, Vector]:
 
 
 def temperature_error(recording: Recording) -> float:
-    """How well [K] the temperature of a specimen is known: by its thermocouple, and as far as its noise was averaged."""
-    return float(np.hypot(ACCURACY, recording.imposed_std.get('T_K', 0.0)))
+    """How well [K] the temperature of a specimen is known: as thermocouples let it, or worse, by the noise that is left."""
+    return max(ACCURACY, recording.imposed_std.get('T_K', 0.0))
 
 
-def error_by_temperature(recording: Recording, channel: str, drive: int) -> float | None:
-    """RMS error of a channel through an imposed temperature, in its unit; `drive`: which column of the input that is.
-
-    None where the test does not go both ways.
-    """
+def slopes_over_temperature(recording: Recording, channel: str) -> Vector:
+    """How steep a channel is over the imposed temperature at its samples (k,), per K; NaN outside whole cycles."""
     values = np.asarray(recording.channels[channel], float)
-    known = np.isfinite(values)
-    source = recording.source
-    T = np.interp(recording.time, source.times, np.asarray(source.values, float)[:, drive])[known]
-    found = cycles(T, values[known]) if known.sum() > GRID // 10 else []
-    if not found:
-        return None
-    squares = []
-    for way_T, way_values in (way for ways in found for way in ways):
-        grid, _, slope = smoothed_way(way_T, way_values)
-        squares.append(np.interp(way_T, grid, slope) ** 2)
-    return float(temperature_error(recording) * np.sqrt(np.mean(np.concatenate(squares))))
+    known, slopes = np.flatnonzero(np.isfinite(values)), np.full(len(values), np.nan)
+    source, drive = recording.source, known_structures()[recording.system].imposed_temperature
+    T = np.interp(recording.time[known], source.times, np.asarray(source.values, float)[:, drive])
+    for way in (way for cycle in whole_cycles(T) for way in cycle) if len(known) > GRID // 10 else ():
+        grid, _, slope = smoothed_way(T[way], values[known[way]])
+        slopes[known[way]] = np.abs(np.interp(T[way], grid, slope))
+    return slopes

@@ -126,7 +126,7 @@ class Recording(Shown, Saved, Comparable):
     unpowered_side : int
         The sign of a command that heats nothing in this recording, 0 where all wires are heated.
     imposed_std : mapping
-        By column of what was imposed and measured with noise, how well it is known without that (SI).
+        By column of what was imposed and measured with noise, how well it is known all the same (SI).
     sample_std : mapping
         By channel whose noise differs from sample to sample, its standard deviations (k,) (SI); NaN: that of the dataset.
 

@@ -15,9 +15,9 @@ from sma_sim.evidence.data.assemble import NothingMeasuredError, SourceFile, rec
 from sma_sim.evidence.data.column_map import ColumnMap, read_column_map
 from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.data.noise import Noise, noise_by_channel
-from sma_sim.evidence.data.quasi_static import error_by_temperature, temperature_error
+from sma_sim.evidence.data.quasi_static import ACCURACY, slopes_over_temperature, temperature_error
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, CHANNELS_OF, Dataset, Recording, in_order
-from sma_sim.evidence.data.repeatability import with_bench
+from sma_sim.evidence.data.repeatability import levels_of_noise, with_bench
 from sma_sim.evidence.data.repeated_values import without_constant_channels, without_repeated_values
 from sma_sim.evidence.data.rosbag.bag_files import is_bag
 from sma_sim.evidence.data.rosbag.commands import NODE_LIMITS, CommandLimits
@@ -106,10 +106,10 @@ def read_dataset(
     recordings = with_distinct_names(found)
     stated = noise_from_folders([path for path, _ in files], channels, notes) | given
     recordings = tuple(map(partial(without_sample_noise, channels=given), recordings))
-    for name in RESPONDING:
-        recordings = with_temperature_in_rows(name, recordings)
     estimates = noise_by_channel(recordings)
     noise = dataset_noise(recordings, stated, estimates, notes)
+    for name in set(RESPONDING) & set(noise):
+        recordings = with_temperature_error(name, recordings, noise, name in stated, notes)
     dataset = without_constant_channels(Dataset(recordings, noise, tuple(notes)), stated)
     return without_repeated_values(with_bench(dataset, columns.of_bench()), estimates)
 
@@ -272,45 +272,46 @@ def dataset_noise(
             reason = f', most of it the resolution {in_display_unit(name, estimate.step)}' if estimate.quantised else ''
             reason += ', values are repeated: the sensor is slower than the recording' if estimate.held else ''
             notes.append(f'noise of {name}: {in_display_unit(name, estimate.std)}, estimated from the data{reason}')
-        quasi_static = [one for one in recordings if known_structures()[one.system].is_quasi_static and name in one.channels]
-        if quasi_static and name in RESPONDING:
-            noise[name] = with_temperature_error(name, noise[name], quasi_static, notes)
     return noise
 
 
-def with_temperature_error(channel: str, noise: float, recordings: Sequence[Recording], notes: list[str]) -> float:
-    """The noise of a channel, and what a specimen's temperature, known so well, adds where the channel is steep."""
-    error = error_through_temperature(channel, recordings)
-    if not error:
-        return noise
-    total = hypot(noise, error)
-    words = f'noise of {channel}: {in_display_unit(channel, total)} with a temperature of the specimen that is known to'
-    known = sqrt(sum(temperature_error(recording) ** 2 for recording in recordings) / len(recordings))
-    notes.append(f'{words} {known:.2g} K')
-    return total
+def with_temperature_error(
+    channel: str, recordings: tuple[Recording, ...], noise: dict[str, float], stated: bool, notes: list[str]
+) -> tuple[Recording, ...]:
+    """The recordings, with what the temperature of a specimen, known so well, adds to the noise of a channel of quasi-static
+    tests, in `noise` (changed in place) or in that of each row. A noise that is `stated` for all rows stays as it is.
 
-
-def with_temperature_in_rows(channel: str, recordings: tuple[Recording, ...]) -> tuple[Recording, ...]:
-    """The recordings, with what the temperature of a specimen adds where the noise of each row is stated."""
-    stated = [one for one in recordings if known_structures()[one.system].is_quasi_static and channel in one.sample_std]
-    error = error_through_temperature(channel, stated)
-    return tuple(
-        replace(one, sample_std={**one.sample_std, channel: np.hypot(one.sample_std[channel], error)})
-        if any(one is other for other in stated)
-        else one
-        for one in recordings
-    )
-
-
-def error_through_temperature(channel: str, recordings: Sequence[Recording]) -> float:
-    """What the temperature of a specimen adds to the noise of a channel of quasi-static tests, root mean square.
-
-    0 where it is not known, since none of them goes both ways.
+    It counts as its root mean square. What noise leaves of a thermocouple that is less accurate than usual counts once more
+    where the channel is steep: there it comes anew in every cycle, and must not pass for an effect.
     """
-    drives = (known_structures()[recording.system].imposed_temperature for recording in recordings)
-    found = [error_by_temperature(recording, channel, drive) for recording, drive in zip(recordings, drives, strict=True)]
-    errors = [error for error in found if error is not None]
-    return sqrt(sum(error**2 for error in errors) / max(len(errors), 1))
+    tests = [
+        one
+        for one in recordings
+        if known_structures()[one.system].is_quasi_static and channel in one.channels
+        if channel in one.sample_std or not stated
+    ]
+    slopes = {one.name: slopes_over_temperature(one, channel) for one in tests}
+    squares = [
+        temperature_error(one) ** 2 * float(np.nanmean(slopes[one.name] ** 2))
+        for one in tests
+        if np.isfinite(slopes[one.name]).any()
+    ]
+    if not squares:
+        return recordings
+    usual, found = sqrt(sum(squares) / len(squares)), dict[str, Recording]()
+    for one in tests:
+        more = sqrt(temperature_error(one) ** 2 - ACCURACY**2)
+        if channel in one.sample_std or more:
+            own = np.broadcast_to(one.sample_std.get(channel, noise[channel]), one.time.shape)
+            left = more * np.nan_to_num(slopes[one.name])
+            rows = np.sqrt(np.where(np.isnan(own), noise[channel], own) ** 2 + usual**2 + left**2)
+            found[one.name] = replace(one, sample_std={**one.sample_std, channel: rows})
+    noise[channel] = hypot(noise[channel], usual)
+    level = levels_of_noise(tuple(found.values()), {}).get(channel, noise[channel])
+    known = sqrt(sum(temperature_error(one) ** 2 for one in tests) / len(tests))
+    words = f'noise of {channel}: {in_display_unit(channel, level)} with a temperature of the specimen that is known to'
+    notes.append(f'{words} {known:.2g} K')
+    return tuple(found.get(one.name, one) for one in recordings)
 
 
 def value_range(values: Vector) -> float:

@@ -119,7 +119,7 @@ class Nuisance:
     switches : tuple of float
         By (group of) sampled change of the command: the part of its sampling interval by which it preceded its row.
     unknown_zero : bool
-        Whether the zero of the strain gauge is unknown: it is then where the residuals have no mean, within `zero_range`.
+        Whether the zero of the strain gauge is unknown: it is then where the residuals are least, within `zero_range`.
     ambient : float
         By how much the ambient temperature was above that of the source [K].
     """
@@ -498,7 +498,8 @@ def zero_of(config: Config, run: FitData, nuisance: Nuisance) -> float:
 
 
 def strain_zero(run: FitData, shown: Vector) -> float:
-    """What the strain gauge of a recording shows too much, when the model's is `shown` (k,): the mean of the difference.
+    """What the strain gauge of a recording shows too much, when the model's is `shown` (k,): the weighted mean of the
+    difference.
 
     0 where the zero has a prior of its own (`baseline`): one thing is estimated once.
     """
@@ -506,7 +507,8 @@ def strain_zero(run: FitData, shown: Vector) -> float:
     if k < 0 or (run.zero_std and run.zero_std[k] > 0.0):
         return 0.0
     known = run.weight[k] > 0.0
-    return float(np.clip(np.mean(run.measured[k][known] - shown[known]), *run.zero_range))
+    mean = np.average(run.measured[k][known] - shown[known], weights=run.weight[k][known] ** 2)
+    return float(np.clip(mean, *run.zero_range))
 
 
 def offsets(run: FitData, shown: NDArray[np.float64]) -> NDArray[np.float64]:
