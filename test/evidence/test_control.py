@@ -198,6 +198,16 @@ def test_any_command_may_stay_in_force_for_ever(law):
     assert limit - 12.0 < hottest(False) <= limit < hottest(True)
 
 
+@pytest.mark.parametrize('part', [0.5, 1.0])
+def test_nothing_winds_up_while_a_guard_takes_power_away(part):
+    """A robot that stays 2 mrad behind its model: the integral grows by 1.6 W/s where all that is asked for is in force."""
+    controller, J = FeedforwardPI(Config(settings={'control.behind_guard': True})), []
+    for k in range(200):
+        J.append(controller.step(k / RATE, {'alpha': controller.feedforward.value - 2e-3}, lambda times: 0.02 + 0.0 * times))
+        controller.observe(k / RATE, part * J[-1])
+    assert J[-1] - J[-51] == pytest.approx(1.6 if part == 1.0 else 0.0, abs=0.2)
+
+
 @pytest.mark.parametrize('make', [Feedforward, PredictiveController])
 def test_structures_that_one_command_does_not_move_are_refused(make):
     with pytest.raises(UserError, match='spatial'):

@@ -110,7 +110,8 @@ class FeedforwardPI:
 
     Its gains are ``control.kp`` and ``control.ki``. The robot is compared with what the model's sensor shows, not with the
     target: where the target is out of reach, within limits or as fast as wires cool, nothing winds up, and what effects do
-    to the sensor is no error. Both together command no more than `Planner.bounds`.
+    to the sensor is no error. Nor does it where `observe` tells that a guard has taken power away. Both together command no
+    more than `Planner.bounds`.
 
     Parameters and errors are those of `Feedforward`; `coordinate` is the name of what follows the target.
     """
@@ -121,6 +122,7 @@ class FeedforwardPI:
         self._law = PI(given['control.kp'], given['control.ki'], given['node.J_max'])
         self._begin, self._before = math.nan, math.nan  # the times of the first step and of the last one
         self._shown, self._J_eq = 0.0, 0.0  # of the model, at its last step and from then on
+        self._commanded, self._cut = 0.0, 0.0  # the last command, and what a guard has taken of it
 
     def observe(
         self,
@@ -129,7 +131,9 @@ class FeedforwardPI:
         measurements: Mapping[str, float] | None = None,
         T_E: float | None = None,
     ) -> None:
-        """Take an ambient temperature from now on [K]; the rest is nothing to this controller."""
+        """Take the command in force [W] and the ambient temperature [K] from now on; what is measured is nothing here."""
+        if J_eq is not None:
+            self._cut = self._commanded - J_eq
         if T_E is not None:
             self.feedforward.T_E = as_kelvin('T_E', T_E)
 
@@ -166,4 +170,7 @@ class FeedforwardPI:
             self._J_eq = model.step(lambda times: target(begin + times))
         error, lasted = self._shown - measured, time - self._before
         self._before = time
-        return self._law(error, lasted, self._J_eq, *model.bounds)
+        if self._cut * error > 0.0:  # a guard holds what is asked for already: the integral stands still
+            lasted = 0.0
+        self._commanded = self._law(error, lasted, self._J_eq, *model.bounds)
+        return self._commanded
