@@ -456,6 +456,19 @@ def test_gain_of_the_optimum(k):
         assert problem.evidence(z).gain(k) == pytest.approx(log_density(best) - log_density(z), rel=1e-9, abs=1e-9)
 
 
+def test_what_lies_beyond_bounds_is_no_gain():
+    """A fit that has ended at its best within them promises nothing, whatever lies beyond; near them, as far as they are."""
+    problem = LinearProblem()
+    best = problem.best(1.0, range(3))
+    found = problem.evidence(np.zeros(problem.size))
+    reach = np.full(problem.size, 1e-3)
+    near, at_end = replace(found, low=-reach, high=reach), replace(found, low=np.minimum(best, 0.0), high=np.zeros(problem.size))
+    slope = found._sums(range(3))[1]
+    assert 0.0 < near.gain(1.0) <= 1e-3 * np.abs(slope).sum() < found.gain(1.0)
+    held = replace(at_end, low=np.where(slope < 0.0, -1.0, 0.0), high=np.where(slope < 0.0, 0.0, 1.0))
+    assert held.gain(1.0) == 0.0
+
+
 def test_an_effect_at_its_neutral_value_is_absent():
     """All that makes it act is there; shapes do not count."""
     (found,) = (candidate.found for candidate in CATALOGUE.effects if candidate.name == 'guide_friction')

@@ -20,9 +20,11 @@ from math import inf, log, log1p, pi
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
+from scipy.linalg import LinAlgError
 
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import declared_parameters
+from sma_sim.evidence.estimation.levenberg_marquardt import bounded_step
 from sma_sim.evidence.estimation.overdispersion import measured, overdispersion_of
 from sma_sim.evidence.estimation.plausibility import realistic_range
 from sma_sim.evidence.estimation.problem import LinearizedRun, NormalEquations, Problem, linearize, normal_equations
@@ -65,6 +67,7 @@ class Evidence:
     overdispersion: float
     unlisted: float
     _known: dict[tuple[float, int | None], float] = field(init=False, repr=False, compare=False, default_factory=dict)
+    _gains: dict[float, float] = field(init=False, repr=False, compare=False, default_factory=dict)
 
     def score(self, k: float, left_out: int | None = None) -> float:
         """The log posterior under an overdispersion k, up to a constant that all models share; without one run, if any."""
@@ -91,14 +94,19 @@ class Evidence:
         return at_end - 0.5 * profiled + inside + self.log_prior
 
     def gain(self, k: float) -> float:
-        """What the optimum of a fit for k has before the point where it ended, to second order; inf beyond all numbers."""
-        weight, (_, gradient, hessian) = 1.0 / k**2, self._sums(range(len(self.parts)))
-        slope = weight * gradient + self.z
-        free = self._free(slope)
-        total = weight * hessian[np.ix_(free, free)] + np.eye(int(free.sum()))
-        with np.errstate(over='ignore', invalid='ignore'):
-            found = 0.5 * float(slope[free] @ np.linalg.solve(total, slope[free]))
-        return found if np.isfinite(found) else inf
+        """What the optimum of a fit for k has before the point where it ended, to second order and within bounds; inf beyond
+        all numbers."""
+        if k not in self._gains:  # asked each time that models are put in order
+            weight, (_, gradient, hessian) = 1.0 / k**2, self._sums(range(len(self.parts)))
+            slope, low, high = weight * gradient + self.z, self.low - self.z, self.high - self.z
+            try:
+                step = bounded_step(slope, weight * hessian, 1.0, low, high)
+            except (LinAlgError, ValueError):  # of derivatives that are not numbers
+                self._gains[k] = inf
+            else:
+                left = slope + 0.5 * (weight * hessian @ step + step)
+                self._gains[k] = max(0.0, -float(left @ step))
+        return self._gains[k]
 
     def squares_without(self, k: float, left_out: int) -> float:
         """The squares of one run as the others predict it, to second order; its own unknowns are at their best."""
