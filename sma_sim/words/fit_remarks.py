@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from math import isnan
 
-from sma_sim.evidence.estimation.calibrate import Calibration
+from sma_sim.evidence.estimation.calibrate import FINAL_RTOL, Calibration
 from sma_sim.evidence.estimation.fit_result import OtherStart
 from sma_sim.evidence.estimation.log_evidence import DECISIVE
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter
@@ -22,6 +22,9 @@ DIFFERENT = 0.1  # relative difference of a parameter that is shown of another m
 def remarks_on(found: Calibration) -> list[str]:
     """All of them, what weakens the numbers first."""
     remarks = [sentence] if (sentence := misfit_sentence(found.error)) else []
+    if found.rtol > FINAL_RTOL:
+        begin = f'With these parameters runs cannot be made at the tolerance of a last fit, {FINAL_RTOL:g}'
+        remarks.append(f'{begin}: errors and intervals are those of {found.rtol:g}')
     remarks += [f'not determined by these data: {name}' for name in (found.uncertainty.unseen if found.uncertainty else ())]
     remarks += [limit.text for limit in found.limits]
     remarks += [f'{parameter.name} was kept fixed: {parameter.reason}' for parameter in found.fixed]

@@ -38,7 +38,17 @@ from sma_sim.evidence.estimation.log_evidence import DECISIVE, kinetics_probabil
 from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.plausibility import MATERIALS, ImplausibleParameter, implausible_of, with_usual_limits
 from sma_sim.evidence.estimation.prepared_fit import PreparedFit, check_data, check_kinetics, prepare
-from sma_sim.evidence.estimation.problem import AMBIENT, DELAY, START, LinearizedRun, Problem, cost_at, feasible, start_point
+from sma_sim.evidence.estimation.problem import (
+    AMBIENT,
+    DELAY,
+    START,
+    LinearizedRun,
+    Problem,
+    cost_at,
+    feasible,
+    residuals_at,
+    start_point,
+)
 from sma_sim.evidence.estimation.residuals import ZERO_STDS, FitData, fit_data, hidden_rtol, leeway_for
 from sma_sim.evidence.estimation.run_estimates import ParameterByRun, ReducedRun, estimates_by_run, reduced_run
 from sma_sim.evidence.estimation.run_subset import from_subset, run_subset
@@ -175,6 +185,8 @@ class Calibration(Shown, Saved):
         The estimates that ended at a limit.
     sampling_interval : float
         The shortest of the recordings [s].
+    rtol : float
+        Relative tolerance of the runs behind errors and intervals.
     seconds : float
         Time that the fit took.
     """
@@ -200,6 +212,7 @@ class Calibration(Shown, Saved):
     kinetics: Mapping[str, float] = field(default_factory=dict)
     limits: tuple[LimitReached, ...] = ()
     sampling_interval: float = 0.0
+    rtol: float = FINAL_RTOL
 
     @property
     def intervals(self) -> Mapping[str, Interval]:
@@ -430,9 +443,15 @@ def continued_fit(
 
 
 def final_fit(dataset: Dataset, fit: FitResult, options: FitOptions, context: SearchContext) -> FitResult:
-    """The fit continued on all samples, the parameters free within the same bounds."""
+    """The fit continued on all samples, the parameters free within the same bounds.
+
+    At the tolerance of the search where its parameters, which may be implausible, let no run be made at a smaller one.
+    """
     whole = full_problem(dataset, fit, options)
     problem = whole.at_tolerance(FINAL_RTOL)
+    if any(residuals is None for residuals in residuals_at(problem, fit.z, context.pool)):
+        problem = whole.at_tolerance(fit.problem.config.parameters['solver.rtol'])
+        return continued_fit(fit, problem, fit.z, ALL_SAMPLES, context, 'all samples')
     smoothed = with_leeway(problem, problem.fitted(fit.z))
     if any(run.leeway for run in smoothed.runs):  # comes near, for what few runs row by row cost
         fit = continued_fit(fit, smoothed, fit.z, ALL_SAMPLES, context, 'all samples')
@@ -503,6 +522,7 @@ def calibration_of(fit: FitResult, context: SearchContext) -> Calibration:
         uncertainty=None,
         seconds=0.0,
         limits=reached,
+        rtol=fit.problem.config.parameters['solver.rtol'],
         sampling_interval=min(float(np.median(np.diff(run.time))) if len(run.time) > 1 else inf for run in fit.problem.runs),
     )
 
