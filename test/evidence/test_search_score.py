@@ -462,7 +462,8 @@ def test_what_lies_beyond_bounds_is_no_gain():
     best = problem.best(1.0, range(3))
     found = problem.evidence(np.zeros(problem.size))
     reach = np.full(problem.size, 1e-3)
-    near, at_end = replace(found, low=-reach, high=reach), replace(found, low=np.minimum(best, 0.0), high=np.zeros(problem.size))
+    near = replace(found, low=-reach, high=reach)
+    at_end = replace(found, low=np.minimum(best, 0.0), high=np.zeros(problem.size))
     slope = found._sums(range(3))[1]
     assert 0.0 < near.gain(1.0) <= 1e-3 * np.abs(slope).sum() < found.gain(1.0)
     held = replace(at_end, low=np.where(slope < 0.0, -1.0, 0.0), high=np.where(slope < 0.0, 0.0, 1.0))
