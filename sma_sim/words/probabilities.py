@@ -14,7 +14,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sma_sim.evidence.search.posterior import EVEN, TIE
+from sma_sim.evidence.search.posterior import EVEN
+from sma_sim.evidence.search.refine import TIE
 from sma_sim.model.effects.discovery import package_effects
 from sma_sim.model.effects.scope import FORM, SEPARATOR, words_of
 from sma_sim.model.structures.discovery import known_structures

@@ -41,7 +41,8 @@ from sma_sim.evidence.model_selection.refit import refit
 from sma_sim.evidence.model_selection.sketches import at_defaults
 from sma_sim.evidence.search.beam import Book
 from sma_sim.evidence.search.equations import has_terms
-from sma_sim.evidence.search.posterior import EVEN, TIE, Posterior
+from sma_sim.evidence.search.posterior import EVEN, Posterior
+from sma_sim.evidence.search.refine import TIE
 from sma_sim.evidence.search.score import evidence_at, evidence_of
 from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config

@@ -22,7 +22,7 @@ from sma_sim.evidence.estimation.residuals import FitData
 from sma_sim.evidence.experiment_design.forecast import RunPrediction
 from sma_sim.evidence.experiment_design.rival_fits import ModelHypothesis
 from sma_sim.evidence.experiment_design.utilities import RivalPair, discrimination_utility, evidence_ratios, information_gain
-from sma_sim.evidence.search.posterior import TIE
+from sma_sim.evidence.search.refine import TIE
 from sma_sim.model.arrays import Matrix
 
 MAX_SAMPLES, RTOL = 500, 1e-6  # of a recording, and of its simulation

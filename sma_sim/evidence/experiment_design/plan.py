@@ -12,7 +12,7 @@ from sma_sim.evidence.experiment_design.forecast import OperatingLimits, RunPred
 from sma_sim.evidence.experiment_design.further_channels import FurtherChannel
 from sma_sim.evidence.experiment_design.rival_fits import ModelHypothesis
 from sma_sim.evidence.experiment_design.sequences import CommandGrid
-from sma_sim.evidence.search.posterior import TIE
+from sma_sim.evidence.search.refine import TIE
 from sma_sim.model.archive import Saved
 from sma_sim.model.argument_checks import as_folders, check_fields
 from sma_sim.model.arrays import Vector

@@ -49,7 +49,8 @@ from sma_sim.evidence.latent_input.refinement import RefinedHypothesis, refine_h
 from sma_sim.evidence.latent_input.results import InputEstimate, InputFinding, LatentInputs
 from sma_sim.evidence.model_selection.nominal_fit import NOMINAL_STARTS, nominal_fit
 from sma_sim.evidence.model_selection.refit import refit, with_other_kinetics
-from sma_sim.evidence.search.posterior import EVEN, TIE
+from sma_sim.evidence.search.posterior import EVEN
+from sma_sim.evidence.search.refine import TIE
 from sma_sim.model.argument_checks import check_fields, checked
 from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import MODELS, Config

@@ -11,7 +11,7 @@ import numpy as np
 
 from sma_sim.evidence.monitoring.live_criteria import BIN, DURATIONS, PARTS
 from sma_sim.evidence.monitoring.past import Window
-from sma_sim.evidence.search.posterior import TIE
+from sma_sim.evidence.search.refine import TIE
 from sma_sim.model.arrays import Vector
 from sma_sim.solver.model import Model
 

@@ -6,7 +6,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
 
+import numpy as np
+
 from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.problem import residuals_at
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.nominal_fit import report_model
 from sma_sim.evidence.model_selection.refit import without_effect
@@ -14,6 +17,7 @@ from sma_sim.evidence.search import propose
 from sma_sim.evidence.search.components import Catalogue, Component, catalogue_for
 from sma_sim.evidence.search.refine import (
     SKETCHED,
+    TIE,
     WINDOW,
     Model,
     better,
@@ -24,6 +28,7 @@ from sma_sim.evidence.search.refine import (
     without,
     without_difference,
 )
+from sma_sim.model.arrays import Matrix
 
 MAX_COMPONENTS = 3  # of a model: it bounds the time of a search, and recordings of few runs seldom tell more
 PARENTS = 3  # models of a level that are extended
@@ -107,7 +112,31 @@ def search(nominal: Sequence[FitResult], context: SearchContext, equations: bool
     if equations and best.components and best.lacks_unlisted and not any(one.is_formula for one in best.components):
         add_equations(best, book, context)
     settle(book, context)
+    leave_out_copies(book, context)
+    settle(book, context)
     return book
+
+
+def leave_out_copies(book: Book, context: SearchContext) -> None:
+    """Take equations out of the book that predict what a listed effect does, to within what is called a tie: they are that
+    effect, written as an equation, and tell of nothing that no list has."""
+    k = book.overdispersion
+    near = [model for model in book.ranked() if model.score(k) >= book.best.score(k) - WINDOW]
+    equations = [model for model in near if any(one.is_formula for one in model.components)]
+    listed = [model for model in near if model.components and not any(one.is_formula for one in model.components)]
+    if not (equations and listed) or context.stop.is_set():
+        return
+    shown = [residuals_at(model.fit.problem, model.fit.z, context.pool) for model in listed]
+    for model in equations:
+        own = residuals_at(model.fit.problem, model.fit.z, context.pool)
+        if any(distance(own, other) <= 2.0 * TIE * k**2 for other in shown):
+            book.replace(model, None)
+
+
+def distance(some: Sequence[Matrix | None], others: Sequence[Matrix | None]) -> float:
+    """The squares, over the noise, by which the predictions of two models differ; inf where one cannot be run."""
+    pairs = list(zip(some, others, strict=True))
+    return sum(inf if one is None or other is None else float(np.sum((one - other) ** 2)) for one, other in pairs)
 
 
 def expand_level(size: int, book: Book, context: SearchContext) -> None:
@@ -131,7 +160,7 @@ def settle(book: Book, context: SearchContext) -> None:
     while not context.stop.is_set():
         ranked = book.ranked()
         near = (one for one in ranked if one.score(k) >= ranked[0].score(k) - WINDOW)
-        model = next((one for one in near if all(one is not other for other in done)), None)
+        model = next((one for one in near if not one.is_settled and all(one is not other for other in done)), None)
         if model is None:
             return
         found = settled(model, k, context)

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from sma_sim.evidence.search.beam import Book
-from sma_sim.evidence.search.refine import WINDOW, Model
+from sma_sim.evidence.search.refine import TIE, WINDOW, Model
 
 EVEN = 0.5  # probability above which something is said
-TIE = 5.0  # nats within which two models are said to be tied: the odds are below 150 to 1
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,7 @@ SAME_VALLEY = 2.0  # costs that differ by less belong to one optimum
 Start = tuple[Component, Problem, Vector]
 MAX_LOG_ODDS = 700.0  # of which exp is still a number
 WINDOW = 10.0  # nats behind the best beyond which a model has no weight (Occam's window; Madigan and Raftery 1994)
+TIE = 5.0  # nats within which two models are said to be tied: the odds are below 150 to 1
 
 
 @dataclass(frozen=True)
