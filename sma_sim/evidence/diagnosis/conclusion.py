@@ -215,6 +215,21 @@ class ModelStage:
     predicted: tuple[RunFit, ...]
 
     @property
+    def delay(self) -> float:
+        """The fitted delay of the measurement [s]."""
+        return self.calibration.delay
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """The fitted parameters by name (SI)."""
+        return self.calibration.values
+
+    @property
+    def runs(self) -> tuple[RunFit, ...]:
+        """The training runs under the model."""
+        return self.calibration.runs
+
+    @property
     def model(self) -> str:
         """`hybrid` or `mas`."""
         return self.config.simulated_kinetics
