@@ -556,3 +556,20 @@ def test_an_equation_that_predicts_what_a_listed_effect_does_is_no_unlisted_law(
     beam.leave_out_copies(book, SimpleNamespace(stop=Event(), pool=None))
     assert (models[1].key in book.models) != is_copy
     assert models[0].key in book.models and models[2].key in book.models
+
+
+@pytest.mark.parametrize(
+    ('names', 'squares', 'nominal', 'unlisted', 'expected'),
+    [
+        ((), 30.0, 30.0, -1.0, False),
+        (('gravity',), 30.0, 1030.0, -1.0, True),
+        (('gravity',), 30.0, 9030.0, -1.0, False),
+        (('gravity',), 30.0, 9030.0, 20.0, True),
+        (('gravity', 'radiation'), 30.0, 9030.0, -1.0, True),
+    ],
+)
+def test_where_an_unlisted_law_may_be_behind_the_best_model(names, squares, nominal, unlisted, expected):
+    """Not where nothing is missing, nor where one effect explains thousands of nats and leaves nothing."""
+    book = Book(CATALOGUE, False)
+    book.add([model((), nominal), model(names, squares, unlisted=unlisted)])
+    assert beam.may_be_unlisted(book, 2) == expected

@@ -33,6 +33,7 @@ from sma_sim.model.arrays import Matrix
 MAX_COMPONENTS = 3  # of a model: it bounds the time of a search, and recordings of few runs seldom tell more
 PARENTS = 3  # models of a level that are extended
 EQUATIONS_AFTER = 2  # components: what listed effects explain, one or two of them, may be a single law that no list has
+IMITATED = 1000.0  # nats that one effect explains: to leave nothing of more, another law has to be alike to a few per cent
 EXCHANGE_SHARE = 0.5  # of what that promises which they would replace: to first order neither is exact
 DIFFERENCES = 2  # between recordings that are fitted beside a model, without a sketch: their promises are nearly exact
 SKETCHED_TERMS = 2 * SKETCHED  # of equations: of ten times as many as there are effects, neighbours are alike
@@ -102,7 +103,7 @@ def search(nominal: Sequence[FitResult], context: SearchContext, equations: bool
         before = book.best
         expand_level(size, book, context)
         improve(size, book, context)
-        if equations and size == EQUATIONS_AFTER and (book.best.components or book.best.lacks_unlisted):
+        if equations and size == EQUATIONS_AFTER and may_be_unlisted(book, size):
             add_equations(bare(book), book, context)
         if context.stop.is_set() or (size >= EQUATIONS_AFTER and book.best is before):
             break
@@ -115,6 +116,14 @@ def search(nominal: Sequence[FitResult], context: SearchContext, equations: bool
     leave_out_copies(book, context)
     settle(book, context)
     return book
+
+
+def may_be_unlisted(book: Book, size: int) -> bool:
+    """Whether something that no list has may be behind the best model of a size: where something is left, where several
+    effects explain all, and where one explains so little that another law may do what it does to within the noise."""
+    best, k = book.best, book.overdispersion
+    explained = best.score(k) - book.ranked(0)[0].score(k)
+    return best.lacks_unlisted or len(best.components) == size or (bool(best.components) and explained < IMITATED)
 
 
 def leave_out_copies(book: Book, context: SearchContext) -> None:
