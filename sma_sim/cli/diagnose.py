@@ -13,8 +13,8 @@ from sma_sim.cli.common.data import (
     add_data_options,
     add_limit_option,
     add_search_options,
-    begun,
     chosen_executor,
+    model_and_recordings,
     print_curves,
     print_progress,
     print_written,
@@ -59,7 +59,7 @@ def add_parser(verbs: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Diagnose, and write what was asked for."""
-    given, training, held_out = begun(arguments, arguments.out)
+    given, training, held_out = model_and_recordings(arguments, arguments.out)
     print_curves(training)
     folders = tuple(effect_folders_of(arguments.config, arguments.words))
     announce_first_compilation()

@@ -13,9 +13,9 @@ from sma_sim.cli.common.data import (
     add_data_options,
     add_limit_option,
     add_search_options,
-    begun,
     chosen_executor,
     from_curves,
+    model_and_recordings,
     print_written,
     provenance_of,
     write_json,
@@ -60,7 +60,7 @@ def add_parser(verbs: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Fit, predict what was held out, write what was asked for."""
     check_sheet(arguments.sheet)
-    config, fitted, held_out = begun(arguments, arguments.out, arguments.sheet)
+    config, fitted, held_out = model_and_recordings(arguments, arguments.out, arguments.sheet)
     made = provenance_of(arguments, (arguments.config, config))
     (config,) = from_curves(fitted, config)
     options = FitOptions(

@@ -10,8 +10,8 @@ from sma_sim.cli.common.data import (
     EXIT_INTERRUPTED,
     add_data_options,
     add_search_options,
-    begun,
     chosen_executor,
+    model_and_recordings,
     print_progress,
     print_written,
     provenance_of,
@@ -41,7 +41,7 @@ def add_parser(verbs: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Estimate, and write what was asked for."""
-    config, training, held_out = begun(arguments)
+    config, training, held_out = model_and_recordings(arguments)
     announce_first_compilation()
     with chosen_executor(arguments) as executor:
         request = LatentRequest(arguments.model, not arguments.no_fit, arguments.seed)

@@ -12,8 +12,8 @@ from sma_sim.cli.common.data import (
     EXIT_INTERRUPTED,
     add_data_options,
     add_search_options,
-    begun,
     chosen_executor,
+    model_and_recordings,
     print_progress,
     print_written,
     provenance_of,
@@ -86,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Design, and write what was asked for."""
     if arguments.tries < 1:
         raise UserError(f'--tries {arguments.tries}: expected 1 or more')
-    config, training, _ = begun(arguments, arguments.out)
+    config, training, _ = model_and_recordings(arguments, arguments.out)
     announce_first_compilation()
     with chosen_executor(arguments) as executor:
         plan = next_experiment(training, config, request_from(arguments), executor, print_progress)

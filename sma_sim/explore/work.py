@@ -105,7 +105,7 @@ def check(order: WorkOrder) -> bool:
     order.log.progress('reading the recordings')
     dataset = request.read(order.config())
     held_out = request.split(dataset)[1]
-    write_json(order.output(RESULT), check_data(dataset, held_out))
+    write_json(order.output(RESULT), dataset_data(dataset, held_out))
     curves = {
         f'{one.name}|{name}': values
         for one in dataset.recordings
@@ -115,7 +115,7 @@ def check(order: WorkOrder) -> bool:
     return False
 
 
-def check_data(dataset: Dataset, held_out: Dataset | None) -> dict[str, Any]:
+def dataset_data(dataset: Dataset, held_out: Dataset | None) -> dict[str, Any]:
     """What was read, SI units: ``runs``, ``noise_std`` by channel and ``notes`` in words."""
     names = {recording.name for recording in held_out.recordings} if held_out else set()
     return {

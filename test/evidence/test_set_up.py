@@ -402,6 +402,12 @@ def test_a_robot_that_does_not_move_tells_nothing_else(runs, seed):
         assert 'nothing moves: U_x, U_y and alpha stay within the noise' in list(as_text(found))[1]
 
 
+def test_a_noise_that_is_stated_far_too_large_hides_no_motion(runs):
+    """As one in the wrong unit: what is wrong then is the noise."""
+    loud = replace(runs, noise_std={name: 1e3 * std for name, std in runs.noise_std.items()})
+    assert all(fault.kind != 'motionless' for fault in faults_in(loud))
+
+
 def test_a_robot_that_no_command_moves_is_right(runs):
     """Without any power nothing is to be seen of it."""
     cold = replace(only(held_still(runs, 1), *POSE), recordings=tuple(

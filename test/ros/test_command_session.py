@@ -59,7 +59,9 @@ with CommandSession() as session:
     session.end_with(command, Float64(data=0.0))
     while command.get_subscription_count() == 0:
         time.sleep(0.01)
-    command.publish(Float64(data=12.0))
+    for _ in range(20):  # a listener may know of the publisher later than it knows of the listener
+        command.publish(Float64(data=12.0))
+        time.sleep(0.02)
     {end}
 """
 HEARS = """

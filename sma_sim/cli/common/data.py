@@ -145,11 +145,8 @@ def read_data(arguments: argparse.Namespace, config: Config) -> tuple[Dataset, D
     return request.split(dataset)
 
 
-def begun(arguments: argparse.Namespace, *outputs: Path | None) -> tuple[Config, Dataset, Dataset | None]:
-    """What all that searches begins with, once its outputs can be written: the model, the recordings to fit, those held out.
-
-    Raises UserError.
-    """
+def model_and_recordings(arguments: argparse.Namespace, *outputs: Path | None) -> tuple[Config, Dataset, Dataset | None]:
+    """The model, the recordings to fit and those held out, once the `outputs` can be written. Raises UserError."""
     check_outputs(arguments, *outputs)
     config = config_from(arguments, *system_words(arguments))
     return config, *read_data(arguments, config)

@@ -109,7 +109,7 @@ def read_dataset(
     estimates = noise_by_channel(recordings)
     noise = dataset_noise(recordings, stated, estimates, notes)
     for name in set(RESPONDING) & set(noise):
-        recordings = with_temperature_error(name, recordings, noise, name in stated, notes)
+        recordings, noise[name] = with_temperature_error(name, recordings, noise[name], name in stated, notes)
     dataset = without_constant_channels(Dataset(recordings, noise, tuple(notes)), stated)
     return without_repeated_values(with_bench(dataset, columns.of_bench()), estimates)
 
@@ -276,10 +276,10 @@ def dataset_noise(
 
 
 def with_temperature_error(
-    channel: str, recordings: tuple[Recording, ...], noise: dict[str, float], stated: bool, notes: list[str]
-) -> tuple[Recording, ...]:
-    """The recordings, with what the temperature of a specimen, known so well, adds to the noise of a channel of quasi-static
-    tests, in `noise` (changed in place) or in that of each row. A noise that is `stated` for all rows stays as it is.
+    channel: str, recordings: tuple[Recording, ...], noise: float, stated: bool, notes: list[str]
+) -> tuple[tuple[Recording, ...], float]:
+    """The recordings and the `noise` of a channel of quasi-static tests, with what the temperature of a specimen, known so
+    well, adds to it, or to that of each row. A noise that is `stated` for all rows stays as it is.
 
     It counts as its root mean square. What noise leaves of a thermocouple that is less accurate than usual counts once more
     where the channel is steep: there it comes anew in every cycle, and must not pass for an effect.
@@ -297,21 +297,21 @@ def with_temperature_error(
         if np.isfinite(slopes[one.name]).any()
     ]
     if not squares:
-        return recordings
+        return recordings, noise
     usual, found = sqrt(sum(squares) / len(squares)), dict[str, Recording]()
     for one in tests:
         more = sqrt(temperature_error(one) ** 2 - ACCURACY**2)
         if channel in one.sample_std or more:
-            own = np.broadcast_to(one.sample_std.get(channel, noise[channel]), one.time.shape)
+            own = np.broadcast_to(one.sample_std.get(channel, noise), one.time.shape)
             left = more * np.nan_to_num(slopes[one.name])
-            rows = np.sqrt(np.where(np.isnan(own), noise[channel], own) ** 2 + usual**2 + left**2)
+            rows = np.sqrt(np.where(np.isnan(own), noise, own) ** 2 + usual**2 + left**2)
             found[one.name] = replace(one, sample_std={**one.sample_std, channel: rows})
-    noise[channel] = hypot(noise[channel], usual)
-    level = levels_of_noise(tuple(found.values()), {}).get(channel, noise[channel])
+    noise = hypot(noise, usual)
+    level = levels_of_noise(tuple(found.values()), {}).get(channel, noise)
     known = sqrt(sum(temperature_error(one) ** 2 for one in tests) / len(tests))
     words = f'noise of {channel}: {in_display_unit(channel, level)} with a temperature of the specimen that is known to'
     notes.append(f'{words} {known:.2g} K')
-    return tuple(found.get(one.name, one) for one in recordings)
+    return tuple(found.get(one.name, one) for one in recordings), noise
 
 
 def value_range(values: Vector) -> float:

@@ -10,7 +10,6 @@ from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.display_units import in_display_unit
@@ -88,6 +87,8 @@ def is_new(values: Vector, held: bool) -> NDArray[np.bool_]:
     """The rows (k,) that stand for those of equal values beside them: the first of a slow sensor (`held`), whose values grow
     old; else the middle one, where what moves is nearest to the middle of a step of the resolution. None stands for short
     returns to the step before: at the edge of two, noise decides between them."""
+    from scipy.ndimage import maximum_filter1d  # only here: it takes long to import
+
     known = np.flatnonzero(np.isfinite(values))
     found = np.zeros(len(values), dtype=bool)
     if len(known):
@@ -97,8 +98,7 @@ def is_new(values: Vector, held: bool) -> NDArray[np.bool_]:
         count = last - first + 1
         returns = np.zeros(len(first), dtype=bool)
         returns[1:-1] = level[:-2] == level[2:]
-        beside = sliding_window_view(np.pad(count, EDGE // 2), EDGE)
-        at_edge = returns & (count < SHORT * beside.max(axis=1))
+        at_edge = returns & (count < SHORT * maximum_filter1d(count, EDGE))
         found[rows if held else rows[~at_edge]] = True
     return found
 

@@ -45,7 +45,7 @@ from sma_sim.evidence.model_selection.refit import refit
 from sma_sim.evidence.search import propose
 from sma_sim.evidence.search.components import catalogue_for
 from sma_sim.evidence.search.refine import SKETCHED, WINDOW, Model, extended, model_of
-from sma_sim.evidence.search.score import SPARSITY, unlisted_evidence
+from sma_sim.evidence.search.score import SPARSITY, UNLISTED, unlisted_evidence
 from sma_sim.evidence.set_up.faults import Fault, corrected, faults_of, log_share, unit_of
 from sma_sim.model.arrays import Mask, Vector
 from sma_sim.model.config import Config
@@ -121,7 +121,7 @@ def motionless(problem: Problem, context: SearchContext) -> Fault | None:
         return None
     shown = residuals_at(problem, start_point(problem), context.pool)
     measured = [run.measured * run.weight for run in problem.runs]
-    if smooth_evidence(problem, measured) > 0.0 or any(rows is None for rows in shown):
+    if smooth_evidence(problem, measured, scattering=True) > SPARSITY + UNLISTED or any(rows is None for rows in shown):
         return None
     predicted = [rows + of_run for rows, of_run in zip(shown, measured, strict=True) if rows is not None]
     if smooth_evidence(problem, predicted) < WINDOW:
@@ -130,14 +130,16 @@ def motionless(problem: Problem, context: SearchContext) -> Fault | None:
     return Fault('motionless', tuple(channels), corrected=False)
 
 
-def smooth_evidence(problem: Problem, rows: Sequence[Rows]) -> float:
+def smooth_evidence(problem: Problem, rows: Sequence[Rows], scattering: bool = False) -> float:
     """The log Bayes factor of smooth functions of time beside white noise in rows (channels, k) of every run, without their
-    means over what was measured."""
-    varying = []
-    for run, of_run in zip(problem.runs, rows, strict=True):
-        known = run.weight > 0.0
-        mean = np.sum(of_run * known, axis=1) / np.maximum(np.sum(known, axis=1), 1)
-        varying.append((of_run - mean[:, None]) * known)
+    means. The noise of rows that are `scattering` is what they scatter by, where less than is stated."""
+    varying = [np.zeros_like(of_run) for of_run in rows]
+    for run, of_run, found in zip(problem.runs, rows, varying, strict=True):
+        for k, known in enumerate(run.weight > 0.0):
+            if known.any():
+                own = of_run[k, known]
+                scale = (difference_scale(run.time[known], own) if scattering else 0.0) or 1.0
+                found[k, known] = (own - np.mean(own)) / min(1.0, scale)
     return unlisted_evidence(varying)
 
 
