@@ -4,8 +4,8 @@ from threading import Event
 
 import numpy as np
 
-from sma_sim import Dataset, FitOptions, Input, Model, Recording, read_config, simulate
-from sma_sim.evidence.estimation.calibrate import FINAL_RTOL, SEARCH_RTOL, final_calibration, problem_for
+from sma_sim import Dataset, FitOptions, Input, Model, Recording, calibrate, read_config, simulate
+from sma_sim.evidence.estimation.calibrate import FINAL_RTOL, LOOSEST_RTOL, SEARCH_RTOL, final_calibration, problem_for
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.problem import residuals_at, start_point
@@ -28,15 +28,45 @@ VALUES = {
     'slider.b': 1.0129624942297804,
 }
 
+# The same at 1e-3; at 1e-5 it ends where the phases have exchanged their order.
+LOOSE = {
+    'wire.E_A': 6091203297.379972,
+    'wire.E_M': 23507511949.961704,
+    'wire.eps_T': 0.019933411059446352,
+    'wire.sigma_T': 12866775.493064333,
+    'wire.c_V': 1023.5672337526912,
+    'wire.lambda': 97.01774727219961,
+    'wire.sigma_MW0': 16749127.921886712,
+    'wire.dsigma': 21709195.429015644,
+    'wire.V_L': 2.7842304100217855e-22,
+    'slider.k': 53.765811933552826,
+    'slider.x_0': -0.03610002246971333,
+    'slider.b': 0.6827943742849646,
+}
 
-def test_a_fit_ends_at_the_tolerance_of_its_search_where_runs_stall_below():
-    config = read_config(words=['system=slider', 'model=mas', f'solver.rtol={SEARCH_RTOL}']).variant(VALUES)
+
+def heated(config, rtol):
+    """A recording of one pulse, made at a tolerance, and its noise."""
     command = np.column_stack([[0.0, 8.0, 0.0, 0.0], np.full(4, 298.0)])
     source = Input(np.array([0.0, 1.0, 6.0, 15.0]), command, (False, False), config.structure.structure.input_columns)
     times = np.linspace(0.0, 15.0, 50)
-    run = simulate(Model(config), source, times)
-    recording = Recording('run1', 'slider', times, {'T': run['T_K']}, source, exact_commands=True)
-    dataset, options = Dataset((recording,), {'T': 0.5}), FitOptions(free=('wire.lambda',), starts=1)
+    run = simulate(Model(config.variant({'solver.rtol': rtol})), source, times)
+    assert run.completed
+    return Recording('run1', 'slider', times, {'T': run['T_K']}, source, exact_commands=True)
+
+
+def test_a_fit_goes_on_at_a_looser_tolerance_where_runs_stall_at_that_of_a_search():
+    config = read_config(words=['system=slider', 'model=mas']).variant(LOOSE)
+    dataset = Dataset((heated(config, LOOSEST_RTOL),), {'T': 0.05})
+    found = calibrate(dataset, config, FitOptions(free=('wire.lambda',), starts=1, kinetics='mas'))
+    assert found.error < 0.1 and SEARCH_RTOL < found.rtol <= LOOSEST_RTOL
+    assert found.config.parameters['solver.rtol'] == config.parameters['solver.rtol']
+    assert any(f'{found.rtol:g}' in remark for remark in remarks_on(found))
+
+
+def test_a_fit_ends_at_the_tolerance_of_its_search_where_runs_stall_below():
+    config = read_config(words=['system=slider', 'model=mas', f'solver.rtol={SEARCH_RTOL}']).variant(VALUES)
+    dataset, options = Dataset((heated(config, SEARCH_RTOL),), {'T': 0.5}), FitOptions(free=('wire.lambda',), starts=1)
     problem = problem_for(dataset, config, options, 1, step_limited=False)
     z = start_point(problem)
     with executor_or_threads(None) as pool:

@@ -78,8 +78,10 @@ from sma_sim.model.progress import progress_line
 from sma_sim.model.renamed import renamed
 from sma_sim.model.shown import Shown, listed, text_table
 from sma_sim.model.structures.discovery import known_structures
+from sma_sim.solver.simulate import SimulationError
 
 SEARCH_RTOL, FINAL_RTOL = 1e-5, 1e-6  # of the simulations of a search without tangents, and of the last fit
+LOOSER_BY, LOOSEST_RTOL = 10.0, 1e-3  # of that of a search whose runs cannot be made
 SEARCH_SAMPLES = 1000  # samples per run of a search
 JOINING_DAMPING = 10.0  # of the first step when runs join a minimisation that has ended without them
 # Where the error is below CLEAN times the stated noise, weights grow as long as it stays below the noise by as much:
@@ -402,19 +404,35 @@ def multistart_search(
     start: PreparedFit, options: FitOptions, context: SearchContext, criteria: StopCriteria = FROM_PRIORS
 ) -> FitResult:
     """The best of several starts on thinned samples, all but the first damped less; of many runs on a subset at first, and
-    of a test of many cycles on the first."""
+    of a test of many cycles on the first.
+
+    At a looser tolerance where runs cannot be made at that of a search, as with implausible parameters. Raises
+    SimulationError where they cannot at LOOSEST_RTOL either.
+    """
     config, recordings = start.config, tuple(map(first_cycles, start.dataset.recordings))
     longest = max(len(recording.time) for recording in recordings)
     dataset = replace(start.dataset, recordings=recordings)
     thinned = problem_for(dataset, config, options, max(1, longest // SEARCH_SAMPLES))
-    subset = run_subset(thinned)
     shown = shown_by_curves(start.curves, config) | shown_by_warming(start.dataset, config)
+    while True:
+        try:
+            return best_of_starts(thinned, shown, options, context, criteria)
+        except SimulationError:
+            looser = LOOSER_BY * thinned.config.parameters['solver.rtol']
+            if looser > LOOSEST_RTOL:
+                raise
+            thinned = thinned.at_tolerance(looser)
+
+
+def best_of_starts(
+    thinned: Problem, shown: Mapping[str, float], options: FitOptions, context: SearchContext, criteria: StopCriteria
+) -> FitResult:
+    """The best of the fits from several starts. `shown`: where curves have parameters. Raises SimulationError."""
+    subset, kinetics = run_subset(thinned), thinned.config.simulated_kinetics
     points = starting_points(subset, shown, options.starts, options.seed, context.pool)
     weak = replace(criteria, damping=WEAKLY_DAMPED.damping)
     jobs = [
-        partial(
-            minimized_from, point, subset, weak if k else criteria, context, f'{config.simulated_kinetics}, start {k + 1}'
-        )
+        partial(minimized_from, point, subset, weak if k else criteria, context, f'{kinetics}, start {k + 1}')
         for k, point in enumerate(points)
     ]
     fits = run_in_threads(jobs, context.stop)
