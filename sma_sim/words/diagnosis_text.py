@@ -11,6 +11,7 @@ from sma_sim.evidence.estimation.plausibility import unrealistic
 from sma_sim.evidence.estimation.run_estimates import disagreement
 from sma_sim.evidence.estimation.uncertainty import AmbientDifference, Interval
 from sma_sim.evidence.model_selection.criteria import CRITERIA
+from sma_sim.evidence.search.refine import TIE
 from sma_sim.evidence.search.steps import CandidateFit
 from sma_sim.evidence.set_up.check import is_uncertain
 from sma_sim.model.effects.scope import law_name
@@ -59,6 +60,7 @@ TAKEN_UNREALISTIC = (
     'Not realistic: {values}. The effect is taken since nothing realistic explains nearly as much; make sure that your '
     'robot can have it.'
 )
+LESS_PROBABLE = '; they speak no less for {names}, less probable only by its prior (more free parameters, or rarer values)'
 TOGETHER = 'With the held-out runs fitted too: {verdict} Normalized RMSE {first:.2f} without, {last:.2f} with.'
 SAME_VERDICT = 'The verdict is the same whichever of the {count} runs is held out.'
 OTHER_VERDICT = 'The verdict depends on the run that is held out ({count} of {all} runs change it): {others}.'
@@ -165,7 +167,8 @@ def removed_percent(before: float, after: float) -> float:
 
 
 def remarks(diagnosis: Diagnosis) -> Iterator[str]:
-    """What to know beside the verdict and the errors: how firm it is, values, what explains as well, what is left."""
+    """What to know beside the verdict and the errors: what explains as well, how firm it is, values, what is left."""
+    yield from rival_lines(diagnosis)
     yield from firmness_lines(diagnosis)
     for candidate in accepted_fits(diagnosis):
         yield from parameter_lines(candidate, diagnosis)
@@ -236,6 +239,7 @@ def together_lines(diagnosis: Diagnosis) -> Iterator[str]:
         return
     first, last = joint.nominal.train, joint.stages[-1].train
     yield TOGETHER.format(verdict=headline(joint), first=first, last=last)
+    yield from (f'  {line}' for line in rival_lines(joint))
     for candidate in accepted_fits(joint):
         yield from (f'  {line}' for line in parameter_lines(candidate, joint))
 
@@ -323,16 +327,24 @@ def parameter_lines(candidate: CandidateFit, diagnosis: Diagnosis) -> Iterator[s
             real = parameter.realistic
             range_ = f'  [realistic: {real[0]:g} to {real[1]:g}]' if real else ''
             yield f'{candidate.name}.{value_words(parameter, diagnosis, candidate.name)}{range_}  {parameter.description}'
-    if candidate.indistinguishable and len(diagnosis.effects) > 1:
-        yield f'For {candidate.found.effect.phrase}, {rival_words(candidate, diagnosis)}.'
     if candidate.found.effect.same_as:
         yield f'No data can tell it from {candidate.found.effect.same_as}.'
+
+
+def rival_lines(diagnosis: Diagnosis) -> Iterator[str]:
+    """By accepted effect, which others explain as well; of a single one the headline says it."""
+    for candidate in accepted_fits(diagnosis):
+        if candidate.indistinguishable and len(diagnosis.effects) > 1:
+            yield f'For {candidate.found.effect.phrase}, {rival_words(candidate, diagnosis)}.'
 
 
 def rival_words(candidate: CandidateFit, diagnosis: Diagnosis) -> str:
     """Which effects explain as well as an accepted one."""
     rivals = [f'{phrase_of(name, diagnosis)} ({name})' for name in candidate.indistinguishable]
-    return f'these data do not distinguish it from {joined_words(rivals, "or")}'
+    said = f'these data do not distinguish it from {joined_words(rivals, "or")}'
+    known, least = diagnosis.posterior.effects, math.exp(-TIE)
+    alike = [name for name in candidate.indistinguishable if known.get(name, 0.0) < least * known.get(candidate.name, 0.0)]
+    return said + (LESS_PROBABLE.format(names=joined_words(alike)) if alike else '')
 
 
 def decisive(candidate: CandidateFit, diagnosis: Diagnosis) -> list[Parameter]:

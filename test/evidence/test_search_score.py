@@ -40,6 +40,7 @@ from sma_sim.evidence.search.score import (
     prior_of_values,
     unlisted_evidence,
 )
+from sma_sim.evidence.search.steps import in_place_of
 
 SHARED, OWN, CHANNELS, SAMPLES = 2, 1, 2, 8  # of a linear problem: unknowns of all runs, and of each
 
@@ -556,6 +557,20 @@ def test_an_equation_that_predicts_what_a_listed_effect_does_is_no_unlisted_law(
     beam.leave_out_copies(book, SimpleNamespace(stop=Event(), pool=None))
     assert (models[1].key in book.models) != is_copy
     assert models[0].key in book.models and models[2].key in book.models
+
+
+@pytest.mark.parametrize(
+    ('squares', 'less', 'said'),
+    [(4.0, 8.0, True), (13.9, 8.0, True), (14.1, 8.0, False), (12.0, 0.0, True), (1.0, 30.0, True)],
+)
+def test_an_effect_that_explains_as_well_is_said_however_improbable_it_was_before(squares, less, said):
+    """What has more free parameters is less probable by these; data that speak for neither by a tie distinguish nothing."""
+    best, rival = model(('gravity',), 4.0), model(('radiation',), squares)
+    rival = replace(rival, evidence=replace(rival.evidence, log_prior=rival.evidence.log_prior - less))
+    book = Book(CATALOGUE, False)
+    book.add([model((), 90.0), best, rival])
+    found = in_place_of(best.components[0], best, book, posterior_of(book))
+    assert [one.name for one in found] == ['radiation'] * said
 
 
 @pytest.mark.parametrize(

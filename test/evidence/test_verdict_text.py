@@ -102,6 +102,14 @@ def test_several_missing_effects_are_said_together():
     assert short_title(found) == 'gravity and heat lost by radiation'
 
 
+def test_what_explains_as_well_and_was_less_probable_before_is_said_so():
+    known = SimpleNamespace(**vars(POSTERIOR) | {'effects': {'gravity': 0.6, 'sensor_bias': 0.4}})
+    found = diagnosis('missing_effect', candidate('gravity', 'sensor_bias', 'beam_creep'), posterior=known)
+    assert 'they speak no less for beam_creep, less probable only by its prior' in headline(found)
+    both = SimpleNamespace(**vars(POSTERIOR) | {'effects': {'gravity': 0.6, 'sensor_bias': 0.4, 'beam_creep': 0.1}})
+    assert 'by its prior' not in headline(replace(found, posterior=both))
+
+
 def test_nothing_missing():
     found = diagnosis('none', errors=(1.0,))
     assert headline(found) == 'These data show no sign of a missing effect.' and list(remarks(found)) == []
