@@ -280,7 +280,7 @@ def lever_rates(_, y, J, c):
 def coil_rates(_, y, J, c):
     """dy/dt of a coil, y = (stroke, speed, T, x_M): its force by differences of the energy-equivalent strain."""
     stroke, speed, T, x = y
-    extension, h = c['delta_0'] - stroke, 1e-7
+    extension, h = c['delta_0'] - stroke, 1e-6
     ends = [equivalent_strain(extension + s * h, c) for s in (1.0, 0.0, -1.0)]
     sigma, dT, dx = wire_rates(ends[1], T, x, J, c)
     force = math.pi * c['r0'] ** 2 * c['l0'] * sigma * (ends[0] - ends[2]) / (2.0 * h)
@@ -319,7 +319,7 @@ def test_against_an_independent_solution(name, rates, column, starts):
     y, found = [first[column][0], 0.0, *(first[start][0] for start in starts)], []
     for start, end, J in zip(command.times[:-1], command.times[1:], command.values[:-1, 0], strict=True):
         asked = np.append(times[(times >= start) & (times < end)], end)
-        part = solve_ivp(rates, (start, end), y, 'Radau', asked, rtol=1e-9, atol=1e-12, args=(J, constants))
+        part = solve_ivp(rates, (start, end), y, 'Radau', asked, rtol=1e-8, atol=1e-12, args=(J, constants))
         y, found = part.y[:, -1], found + part.y[0, :-1].tolist()
     assert run[column][:-1] == pytest.approx(np.array(found), abs=1e-6 if column.endswith('_m') else 1e-5)
 
