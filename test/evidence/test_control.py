@@ -164,7 +164,7 @@ def test_a_better_model_is_seen_in_the_tracking_error():
     assert followed(FeedforwardPI(improved), robot)[0] < 0.5 * alone
 
 
-@pytest.mark.parametrize('ahead', [0.3, 3.0])
+@pytest.mark.parametrize('ahead', [0.3, pytest.param(3.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize('law', [FeedforwardPI, PredictiveController])
 def test_no_wire_burns_where_a_clock_is_set_ahead(law, ahead):
     """The robot stands still for a while that its stamps say has passed; the feedback makes up for it within the limit."""

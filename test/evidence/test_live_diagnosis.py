@@ -84,10 +84,10 @@ def test_where_nothing_changes_nothing_is_said():
     ('name', 'amounts'),
     [
         ('gravity', {'g_y': -2.0}),
-        ('wire.lambda', {'wire.lambda': 0.1}),
+        pytest.param('wire.lambda', {'wire.lambda': 0.1}, marks=pytest.mark.slow),
         ('joint_friction', {'M_c': 0.005}),
         ('sensor_jump', {'alpha': 0.002}),
-        ('T_E', {'T_E': 3.0}),
+        pytest.param('T_E', {'T_E': 3.0}, marks=pytest.mark.slow),
         ('lost_wires', {'part': 0.1}),
     ],
 )

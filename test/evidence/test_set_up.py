@@ -168,7 +168,7 @@ def test_an_exchanged_command_leaves_the_ambient_temperature_that_was_measured()
     assert inputs_at(with_command(warm, cool), times)['T_E_K'].tolist() == [300.0, 300.0, 301.0, 301.0, 302.0]
 
 
-@pytest.mark.parametrize('name', ['runs', 'with_gravity'])
+@pytest.mark.parametrize('name', [pytest.param('runs', marks=pytest.mark.slow), 'with_gravity'])
 def test_a_command_that_belongs_to_another_recording_is_named_and_nothing_is_searched_for(name, request):
     found = request.getfixturevalue(name)
     first, second, third = found.recordings

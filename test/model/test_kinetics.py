@@ -43,7 +43,7 @@ def test_kinetics_of_a_configuration_made_in_python():
         read_config(words=['model=both'])
 
 
-@pytest.mark.parametrize('by', ['request', 'configuration'])
+@pytest.mark.parametrize('by', ['request', pytest.param('configuration', marks=pytest.mark.slow)])
 def test_a_diagnosis_keeps_given_kinetics_though_others_fit_better(by):
     truth = scaled(config("mas"), wire__lambda=1.1, wire__c_V=0.93, beam__E=1.06, wire__V_L=0.4)
     runs = dataset(with_effect(truth, find_effects()['gravity'], {'g_y': -9.81}), [1, 2], 1.0, 25.0, rate=10.0)
