@@ -7,9 +7,6 @@ from hypothesis import strategies as st
 
 from sma_sim import Config, Input, Model, read_config
 from sma_sim.evidence.monitoring.live_model import (
-    J_EQ,
-    MODULE_CHANNEL_NAMES,
-    T_E,
     Announcements,
     ComparedSample,
     DepartureDetector,
@@ -24,6 +21,7 @@ from sma_sim.solver.fixed_rate import simulate_fixed_rate
 
 RATE, EPOCH = 1000.0, 1_700_000_000_123_456_789
 NAMES = ('U_x_m', 'U_y_m', 'alpha_rad', 'F_1_N', 'F_2_N', 'T_1_K', 'T_2_K')
+J_EQ, T_E = 0, 1  # columns of the input
 
 SENSED = sample_columns(STRUCTURE).sensed.start
 
@@ -45,7 +43,6 @@ def test_prediction_is_the_offline_run_bit_for_bit():
     times = np.array([0.0, 0.291, 0.5, 1.991, 3.0])  # a change takes effect at the next step
     values = np.array([[0.0, 298.0], [12.0, 298.0], [12.0, 305.0], [-3.0, 305.0], [-3.0, 305.0]])
     run = simulate_fixed_rate(model, Input(times, values, (False, False)), RATE, 100.0)
-    assert len(NAMES) == len(MODULE_CHANNEL_NAMES)
     for column, name in enumerate(NAMES):
         assert np.array_equal(np.array(rows)[:, SENSED + column], run[name]), name
 

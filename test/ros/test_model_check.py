@@ -20,7 +20,7 @@ from std_srvs.srv import Trigger  # noqa: E402
 
 from sma_sim import Config, Input, Model  # noqa: E402
 from sma_sim.evidence.monitoring.live_diagnosis import CauseFinding, LiveFinding  # noqa: E402
-from sma_sim.evidence.monitoring.live_model import MODULE_CHANNEL_NAMES  # noqa: E402
+from sma_sim.model.effects.ports import CHANNELS  # noqa: E402
 from sma_sim.model.structures.module import STRUCTURE as MODULE  # noqa: E402
 from sma_sim.model.structures.spatial import STRUCTURE as SPATIAL  # noqa: E402
 from sma_sim.ros.cause_watch import CauseWatch  # noqa: E402
@@ -62,7 +62,7 @@ def value(one, key):
 
 def worst(one, channel, begin=0):
     """The largest residual so far, from one message on."""
-    at = MODULE_CHANNEL_NAMES.index(channel)
+    at = CHANNELS.index(channel)
     return np.nanmax([abs(message.data[at]) for message in one.seen['channel_residuals'][begin:]])
 
 
@@ -102,7 +102,7 @@ def moved(*commands):
     with robot() as one, beside(one, '-p', 'check.window:=3.0', '-p', 'check.threshold:=1000.0') as log:
         command = one.node.create_publisher(Float64, 'J_eq', 10)
         one.until(lambda: command.get_subscription_count() >= 2 and value(one, 'state') == 'comparing')
-        assert [worst(one, channel) for channel in MODULE_CHANNEL_NAMES] == [0.0] * 7
+        assert [worst(one, channel) for channel in CHANNELS[:7]] == [0.0] * 7
         for J_eq in commands:
             command.publish(Float64(data=J_eq))
             end, begin = stamp(one.seen['joint_states'][-1]) + 3 * 10**9, len(one.seen['channel_residuals'])

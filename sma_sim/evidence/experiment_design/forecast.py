@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording
 from sma_sim.evidence.estimation.executors import PickledConfig
-from sma_sim.evidence.estimation.problem import Problem
 from sma_sim.evidence.estimation.residuals import FitData, Nuisance, fit_data, model_columns
 from sma_sim.evidence.experiment_design.rival_fits import ModelHypothesis
 from sma_sim.evidence.experiment_design.sequences import CommandGrid, as_input
@@ -85,11 +84,6 @@ class SimulatedRun:
     stress: float
 
 
-def model_point(problem: Problem, z: Vector) -> ModelPoint:
-    """The model of one run at z."""
-    return ModelPoint(PickledConfig(problem.fitted(z)), problem.nuisance(problem.runs[0], z))
-
-
 def blank_run(training: Dataset, grid: CommandGrid, noise_factor: float) -> tuple[FitData, int]:
     """A run with the channels and sample rate of the recordings, measured as zero, without a command yet.
 
@@ -122,7 +116,8 @@ def evaluation_points(hypothesis: ModelHypothesis, run: FitData, centres: int, d
         neighbours, steps[c] = secant_points(centre, root, low, high)
         points += [centre, *neighbours]
     points += drawn[:draws]
-    return EvaluationPoints(tuple(model_point(problem, z) for z in points), steps, draws)
+    models = tuple(ModelPoint(PickledConfig(problem.fitted(z)), problem.nuisance(run, z)) for z in points)
+    return EvaluationPoints(models, steps, draws)
 
 
 def secant_points(centre: Vector, root: Matrix, low: Vector, high: Vector) -> tuple[list[Vector], Vector]:

@@ -12,14 +12,12 @@ import numpy as np
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import declared_parameters, default_names, free_parameter
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize, with_early_stopping
-from sma_sim.evidence.estimation.plausibility import is_plausible
 from sma_sim.evidence.estimation.problem import Problem
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, StopCriteria
 from sma_sim.evidence.model_selection.candidates import Candidate
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.model.arrays import Vector
-from sma_sim.model.effects.discovery import FoundEffect
 from sma_sim.solver.simulate import SimulationError
 
 
@@ -47,11 +45,6 @@ def at_finite_step(candidate: Candidate) -> ScreeningResult:
     for probe in family:
         values.setdefault(probe.parameter, probe.neutral + probe.step)
     return ScreeningResult(candidate, 0.0, values)
-
-
-def is_plausible_fit(fit: FitResult, found: FoundEffect) -> bool:
-    """Whether the fitted values of an effect lie in their realistic ranges."""
-    return is_plausible(found, fit.values_of(found.effect.name))
 
 
 def without_effect(fit: FitResult, effect: str) -> tuple[Problem, Vector]:

@@ -71,7 +71,6 @@ from sma_sim.evidence.search.score import SPARSITY, UNLISTED
 from sma_sim.evidence.state_estimation.uncertain import configured, prior_correlation, uncertain_parameters
 from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import Config
-from sma_sim.model.effects.discovery import package_effects
 from sma_sim.solver.model import Model
 from sma_sim.solver.simulate import SimulationError
 
@@ -80,16 +79,12 @@ NOTHING, NOT_LISTED = 'nothing', 'not listed'
 
 @dataclass(frozen=True)
 class CauseFinding:
-    """A cause with its probability, and `values` of the parameters by full name at which it explains most (SI).
-
-    `is_listed`: whether it is an effect or a parameter that a configuration can have.
-    """
+    """A cause with its probability, and `values` of the parameters by full name at which it explains most (SI)."""
 
     name: str
     words: str
     probability: float
     values: Mapping[str, float] = field(default_factory=dict)
-    is_listed: bool = False
 
 
 @dataclass(frozen=True)
@@ -406,9 +401,7 @@ class LiveDiagnosis:
         """A cause, nothing, or what is not listed, with its probability."""
         if one is None:
             return CauseFinding(name, 'nothing' if name == NOTHING else 'something that is not listed', probability)
-        values = one.cause.values(self._config, one.by_parameter)
-        is_listed = name in package_effects() or one.cause.candidate is None and bool(values)
-        return CauseFinding(name, one.cause.words, probability, values, is_listed)
+        return CauseFinding(name, one.cause.words, probability, one.cause.values(self._config, one.by_parameter))
 
     def _probe(self, cause: Cause, name: str, step: float) -> Model:
         """The model with a cause at one step; kept, since every evaluation needs it."""

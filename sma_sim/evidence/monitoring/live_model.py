@@ -10,12 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from sma_sim.model.arrays import Vector
-from sma_sim.model.effects.ports import CHANNELS
 from sma_sim.solver.fixed_rate import FixedRateRun, first_steps
 from sma_sim.solver.model import Model
 
-MODULE_CHANNEL_NAMES = CHANNELS[:7]  # U_x, U_y, alpha, F_1, F_2, T_1, T_2
-J_EQ, T_E = 0, 1  # columns of a module's input
 INITIAL_CAPACITY = 64
 
 

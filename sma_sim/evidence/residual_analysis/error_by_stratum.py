@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -95,8 +94,3 @@ def split_by(samples: ChannelSamples, way: Dimension) -> Split:
             )
         )
     return Split(samples.channel, way.name, tuple(shares))
-
-
-def splits_of(found: Sequence[Split], channel: str) -> tuple[Split, ...]:
-    """Those of one channel."""
-    return tuple(entry for entry in found if entry.channel == channel)

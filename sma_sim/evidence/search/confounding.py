@@ -49,7 +49,7 @@ def confoundings(step: SelectionStep, pool: Executor) -> tuple[Confounding, ...]
         if other.name in accepted.indistinguishable:
             second = response(other.fit, pool)
             rms_difference = float(np.sqrt(np.mean((first - second) ** 2)))
-            known = is_known(accepted.found.effect, other.found.effect)
+            known = accepted.name in other.found.effect.confused_with or other.name in accepted.found.effect.confused_with
             found.append(Confounding(other.name, cosine(first - base, second - base), rms_difference, known))
     return tuple(found)
 
@@ -84,8 +84,3 @@ def cosine(a: Vector, b: Vector) -> float:
     """Cosine of the angle between two changes."""
     sizes = float(np.linalg.norm(a) * np.linalg.norm(b))
     return float(a @ b) / sizes if sizes > 0.0 else float('nan')
-
-
-def is_known(effect: Effect, other: Effect) -> bool:
-    """Whether one of two effects is listed as confused with the other."""
-    return other.name in effect.confused_with or effect.name in other.confused_with

@@ -11,10 +11,10 @@ import numpy as np
 
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import FreeParameter
+from sma_sim.evidence.estimation.plausibility import is_plausible
 from sma_sim.evidence.estimation.problem import accumulated, normal_parts
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.uncertainty import inverse_of_precision
-from sma_sim.evidence.model_selection.refit import is_plausible_fit
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.evidence.search.beam import Book
 from sma_sim.evidence.search.components import Component
@@ -129,7 +129,7 @@ def candidate_fit(
     delta_bic = 2.0 * (model.fit.cost - base.fit.cost) / k**2 + more * log(model.fit.problem.samples)
     return CandidateFit(
         found, model.fit, model.score(k) - base.score(k), model.fit.error / base.fit.error, delta_bic,
-        is_plausible_fit(model.fit, found), standard_errors(model.fit, k, context.pool),
+        is_plausible(found, model.fit.values_of(found.effect.name)), standard_errors(model.fit, k, context.pool),
         tuple(dict.fromkeys(one.effect for one in rivals if one.effect)),
     )  # fmt: skip
 

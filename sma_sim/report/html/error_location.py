@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sma_sim.evidence.data.display_units import in_display_unit
-from sma_sim.evidence.residual_analysis.error_by_stratum import Split, splits_of
+from sma_sim.evidence.residual_analysis.error_by_stratum import Split
 from sma_sim.evidence.residual_analysis.metrics import error_over_noise
 from sma_sim.evidence.residual_analysis.spectrum import Band
 from sma_sim.evidence.residual_analysis.summary import Summary
@@ -48,7 +48,7 @@ def channel_blocks(summary: Summary, channel: str) -> list[Block]:
     """What is said of a channel, and its splits."""
     sentences = [remark.text for remark in summary.remarks if remark.channel == channel]
     bands = [band_plot(channel, summary.bands[channel])] if summary.bands[channel] else []
-    splits = Grid([*(split_plot(split) for split in splits_of(summary.splits, channel)), *bands])
+    splits = Grid([*(split_plot(split) for split in summary.splits if split.channel == channel), *bands])
     return [*([Bullets(sentences)] if sentences else []), splits]
 
 

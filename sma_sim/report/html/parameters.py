@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from sma_sim.evidence.estimation.calibrate import Calibration
-from sma_sim.evidence.estimation.run_estimates import ParameterByRun, RunEstimate
+from sma_sim.evidence.estimation.run_estimates import ParameterByRun
 from sma_sim.evidence.estimation.uncertainty import Interval, Uncertainty
 from sma_sim.report.html.figures import interval_bars, log_axis, new_figure, signed_map, small
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Section, Table
@@ -134,7 +134,9 @@ def by_run_blocks(found: Sequence[ParameterByRun]) -> list[Block]:
     names = [run.run for run in found[0].runs]
     if len(names) <= MAX_COLUMNS:
         rows = [shared_row(parameter) for parameter in found]
-        alone = [(parameter.name, *map(alone_cell, parameter.runs), parameter.unit) for parameter in found]
+        alone = [
+            (one.name, *(f'{run.value_alone:.4g} \u00b1 {run.std_alone:.2g}' for run in one.runs), one.unit) for one in found
+        ]
         blocks += [
             Table(('parameter', 'all', *names, 'unit', 'p'), rows, 'Each recording, the other parameters shared'),
             Paragraph(NOTE, 'note'),
@@ -148,11 +150,6 @@ def shared_row(parameter: ParameterByRun) -> tuple[str, ...]:
     cells = [f'{run.value:.5g} \u00b1 {run.std:.2g}' if run.seen else 'not determined' for run in parameter.runs]
     p = p_words(parameter.p).removeprefix('p ').removeprefix('= ') if parameter.dof else ''
     return parameter.name, f'{parameter.value:.5g}', *cells, parameter.unit, p
-
-
-def alone_cell(run: RunEstimate) -> str:
-    """What a recording alone says."""
-    return f'{run.value_alone:.4g} \u00b1 {run.std_alone:.2g}'
 
 
 def deviation_figure(found: Sequence[ParameterByRun]) -> object:
