@@ -103,7 +103,11 @@ def __getattr__(name: str) -> Any:
         if name in names:
             value = globals()[name] = getattr(import_module(f'{__name__}.{home}'), name)
             return value
-    raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    if name.startswith('_'):
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    from sma_sim.model.nearest import UnknownNameError, suggestion
+
+    raise UnknownNameError(f'sma_sim has no {name}{suggestion(name, (*__all__, *_MODULES))}')
 
 
 def __dir__() -> list[str]:

@@ -19,8 +19,7 @@ from sma_sim.cli.common.data import (
     system_words,
     write_json,
 )
-from sma_sim.cli.common.idle_effects import noted
-from sma_sim.cli.common.options import add_overriding_options, announce_first_compilation
+from sma_sim.cli.common.options import add_overriding_options, announce_first_compilation, noted
 from sma_sim.evidence.residual_analysis.compare import compare
 from sma_sim.evidence.residual_analysis.metrics import total_error
 from sma_sim.evidence.residual_analysis.paired_comparison import ErrorChange, error_changes

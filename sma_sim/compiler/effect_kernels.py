@@ -14,7 +14,6 @@ import numpy as np
 from sma_sim.compiler.compile import OWN, Compiler, carray, code_of, content_key, first_lines_of, write_source
 from sma_sim.compiler.fields_read import check_fields, check_scope, fields_read, warn_of_old_names
 from sma_sim.compiler.kernel_text import (
-    FUNCTIONS,
     KernelTypes,
     OneKernel,
     force_text,
@@ -27,7 +26,7 @@ from sma_sim.compiler.kernel_text import (
 )
 from sma_sim.model.effects.discovery import EffectError, FoundEffect
 from sma_sim.model.effects.effect import Effect
-from sma_sim.model.effects.meaning import POSE, acting_coordinates
+from sma_sim.model.effects.meaning import FUNCTIONS, POSE, acting_coordinates
 from sma_sim.model.effects.ports import CHANNELS, PORT_MAY_RETURN_ONE, PORT_NAMES, PORT_OUTPUTS, S_POSE, State
 from sma_sim.model.parameters import BeamConstants, WireConstants
 from sma_sim.model.structures.discovery import FoundStructure, package_structures

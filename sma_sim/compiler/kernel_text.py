@@ -6,11 +6,11 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from sma_sim.model.effects.effect import Effect
+from sma_sim.model.effects.meaning import FUNCTIONS
 from sma_sim.model.effects.ports import CHANNELS, S_CHANNEL, S_J, S_POSE, S_T, S_T_E, S_WIRE
 from sma_sim.model.effects.scope import FORM_PORTS, FORM_SIZE, MASK_COORDINATE, MASK_FIELD, MASK_SIZE, MASK_WIRE
 from sma_sim.model.structures.structure import Structure
 
-FUNCTIONS = ('stiffness', 'gravity')  # of a structure, that kernels take
 OWN = 'own'  # what kernels call the parameter of their channel
 
 

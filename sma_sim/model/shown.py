@@ -18,6 +18,10 @@ class Shown:
     def __repr__(self) -> str:
         return f'<{type(self).__name__}: {"; ".join(f"{name} {words}" for name, words in self.facts().items())}>'
 
+    def summary(self) -> str:
+        """What is to be known, a line each, as text."""
+        return '\n'.join(f'{name}: {words}' for name, words in self.facts().items())
+
     def _repr_html_(self) -> str:
         rows = (
             f'<tr><th style="text-align:left">{escape(k)}</th><td>{escape(v)}</td></tr>' for k, v in self.facts().items()

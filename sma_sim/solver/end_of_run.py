@@ -8,6 +8,7 @@ from contextlib import suppress
 import numpy as np
 
 from sma_sim.model.arrays import Vector
+from sma_sim.model.effects.meaning import idle_effects
 from sma_sim.model.errors import PhysicsWarning
 from sma_sim.model.layout import O_S_A, O_S_M, Evaluation, InputPoint
 from sma_sim.model.material import heat_capacity
@@ -91,6 +92,12 @@ def melting_note(temperatures: Vector) -> str:
         f'wire {wire + 1} comes to {known[:, wire].max():.0f} K; NiTi melts at {MELTING_POINT:.0f} K, which the model does '
         'not know: check the command and its unit, wire.n, wire.r0 and wire.lambda'
     )
+
+
+def warn_of_idle_effects(model: Model) -> None:
+    """Warn of active effects that have no meaning in the model's system, and are therefore left out."""
+    for words in idle_effects((active.found.effect for active in model.config.effects), model.structure):
+        warnings.warn(words, PhysicsWarning, stacklevel=4)  # at the line that calls `simulate`
 
 
 def notes_on_commands(model: Model, source: Input) -> tuple[str, ...]:

@@ -29,7 +29,7 @@ from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.clock import held_until, seen_at
 from sma_sim.solver.columns import are_channels, named_columns, new_samples, sampled_numbers
 from sma_sim.solver.effect_table import own_scratch
-from sma_sim.solver.end_of_run import melting_note, notes_on_commands, notes_on_start, stop_reason
+from sma_sim.solver.end_of_run import melting_note, notes_on_commands, notes_on_start, stop_reason, warn_of_idle_effects
 from sma_sim.solver.equilibrium import start
 from sma_sim.solver.inputs import Input, check_columns, inputs_at, requested_times, segments
 from sma_sim.solver.integrate import (
@@ -215,6 +215,10 @@ def simulate(
     initial_state = initial_state.state if isinstance(initial_state, Trajectory) else initial_state
     channels = [channels] if isinstance(channels, str) else channels
     check_columns(model.structure, source)
+    if initial_state is None and channels is None:  # as a user calls it
+        if len(source.times) < 2:
+            raise UserError(f'input: expected at least two rows, the last one gives the end of the run, got {source.times}')
+        warn_of_idle_effects(model)
     if not max_step > 0.0:
         raise UserError(f'max_step = {max_step!r}: expected more than 0 s')
     times, values, slopes = segments(source)

@@ -202,6 +202,8 @@ def test_results_print_in_a_line_and_show_a_table(run, dataset, fitted, diagnosi
     for one in (run, dataset, *dataset.recordings, fitted, compared, *compared.runs, diagnosis, case, COMMAND):
         assert len(repr(one)) < 1500 and '\n' not in repr(one), type(one)
         assert one._repr_html_().startswith('<table>') and len(one._repr_html_()) < 3000
+        assert len(one.summary().splitlines()) > 1
+    assert re.search(r'nominal +[\d.]+ +[\d.na]+\n', diagnosis.summary()) and 'something unlisted' in diagnosis.summary()
     for one in (
         Model(),
         Config(effects='gravity'),
@@ -319,6 +321,15 @@ TIME, ALPHA = np.linspace(0.0, 12.0, 13), np.zeros(13)
 SHAPES = {
     'a text for a model': (lambda: simulate('module', COMMAND, 10.0), 'model: expected Model or Config'),
     'no input': (lambda: simulate(Model(), None, 10.0), 'source: expected Input, from sma_sim.module_input'),
+    'name of nothing': (lambda: sma_sim.simulat, 'sma_sim has no simulat; did you mean simulate'),
+    'value without a name': (
+        lambda: sma_sim.effects.gravity(-9.81),
+        'effect gravity: expected values by name (g_y, g_x), got -9.81',
+    ),
+    'command without an end': (
+        lambda: simulate(Model(), module_input([0.0], [5.0]), 10.0),
+        'expected at least two rows, the last one gives the end of the run, got [0.]',
+    ),
     'input of a wire': (lambda: simulate(Model(), WIRE, 10.0), "system 'module' takes J_eq_W, T_E_K"),
     'input of a module': (lambda: simulate(Config(system='wire'), COMMAND, 1.0), 'make it with sma_sim.wire_input'),
     'rate': (lambda: simulate(Model(), COMMAND, 0.0), 'expected a rate of more than 0 per second'),
@@ -571,6 +582,24 @@ def test_what_can_hardly_be_in_si_units_is_said_where_it_is_made():
     }.items():
         with pytest.warns(sma_sim.PhysicsWarning, match=re.escape(words)):
             wrong()
+
+
+def test_an_effect_that_is_left_out_is_said():
+    for system, name, why in (('wire', 'gravity', 'wire'), ('coil', 'slack', 'straight wires, those of coil are twisted')):
+        config = Config(system=system, effects=name)
+        model = Model(config)
+        with pytest.warns(sma_sim.PhysicsWarning, match=f'effect {name} is left out: .*{why}'):
+            simulate(model, still(model), 1.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        simulate(Config(effects='gravity'), COMMAND, 1.0)
+        simulate(model, still(model), 1.0, channels=model.structure.channels)  # as fits do, which have said it
+
+
+def still(model):
+    values = [0.0] * (len(model.structure.input_columns) - 1) + [298.0]
+    linear = (False,) * len(values)
+    return sma_sim.Input([0.0, 2.0], [values, values], linear, model.structure.input_columns)
 
 
 def test_the_version_is_that_of_the_package():

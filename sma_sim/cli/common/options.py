@@ -8,8 +8,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from sma_sim.cli.common.idle_effects import noted
 from sma_sim.model.config import Config, read_config
+from sma_sim.model.effects.meaning import idle_effects
 from sma_sim.model.given import effect_folders_of
 from sma_sim.solver import first_start
 from sma_sim.workflow.code_folders import folders_from
@@ -49,6 +49,13 @@ def add_namespace_option(parser: argparse.ArgumentParser) -> None:
 def config_from(arguments: argparse.Namespace, *words: str) -> Config:
     """The configuration that the options ask for; `words` come last. Raises UserError."""
     return noted(read_config(arguments.config, [*arguments.words, *words], arguments.effects))
+
+
+def noted(config: Config) -> Config:
+    """The configuration itself; a line on stderr for every active effect that has no meaning in its system."""
+    for words in idle_effects((active.found.effect for active in config.effects), config.structure.structure):
+        print(f'note: {words}', file=sys.stderr)
+    return config
 
 
 def folders_beside(arguments: argparse.Namespace, out: Path) -> list[str]:

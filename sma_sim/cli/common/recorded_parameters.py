@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sma_sim.cli.common.idle_effects import noted
+from sma_sim.cli.common.options import noted
 from sma_sim.evidence.data.rosbag.bag_files import is_bag
 from sma_sim.model.config import Config, read_config
 from sma_sim.model.errors import UserError

@@ -47,7 +47,7 @@ from sma_sim.model.argument_checks import checked
 from sma_sim.model.config import Config
 from sma_sim.model.progress import progress_in_words
 from sma_sim.model.renamed import renamed
-from sma_sim.model.shown import Shown, listed
+from sma_sim.model.shown import Shown, listed, text_table
 
 
 @renamed(taken_back='retracted')
@@ -144,6 +144,14 @@ class Diagnosis(Shown, Saved):
         found['normalized RMSE'] = f'{before:.3g} without, {after:.3g} with what was found'
         found['recordings'] = f'{listed(self.training)} fitted; {listed(self.held_out)} held out'
         return found | ({'interrupted': 'the results are those up to then'} if self.interrupted else {})
+
+    def summary(self) -> str:
+        """What is to be known, the errors from model to model, and how probable it is that something is missing, as text."""
+        models = [(' + '.join(one.effects) or 'nominal', f'{one.train:.3g}', f'{one.held_out:.3g}') for one in self.stages]
+        missing = {'nothing': self.posterior.none, 'something unlisted': self.posterior.unlisted, **self.posterior.effects}
+        errors = text_table(('normalized RMSE', 'fitted', 'held out'), models)
+        odds = text_table(('missing', 'probability'), [(name, f'{p:.4f}') for name, p in missing.items()])
+        return '\n\n'.join([super().summary(), errors, odds])
 
     @property
     def calibration(self) -> Calibration:

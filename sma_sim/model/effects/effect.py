@@ -230,12 +230,14 @@ class Effect:
             return f'stage {self.stage!r}; expected one of {", ".join(stages)}'
         return next(filter(None, map(fault_of, self.parameters)), '')
 
-    def __call__(self, *, scope: str = '', **values: float) -> EffectChoice:
+    def __call__(self, *unnamed: object, scope: str = '', **values: float) -> EffectChoice:
         """The effect at these values of its parameters (SI), all others at their defaults; `scope`: in one part only.
 
-        Raises UserError for a parameter that it does not have.
+        Raises UserError for a parameter that it does not have, and for values without a name.
         """
         names = [parameter.name for parameter in self.parameters]
+        if unnamed:
+            raise UserError(f'effect {self.name}: expected values by name ({", ".join(names)}), got {unnamed[0]!r}')
         names += [parameter.name for parameter in self.in_space]
         for name in values:
             if name not in names and not any(each.has(name) for each in self.each_bundle):

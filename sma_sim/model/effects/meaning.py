@@ -2,31 +2,45 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from sma_sim.model.effects.effect import Effect, kind_of
 from sma_sim.model.effects.ports import PORT_NAMES, SENSING
 from sma_sim.model.structures.structure import Structure
 
+FUNCTIONS = ('stiffness', 'gravity')  # of a structure, that kernels take
 HEATING = ('actuation', 'wire_heat')  # ports without a meaning where the temperature is imposed
 POSE = ('U_x', 'U_y', 'alpha')  # the coordinates of the state that most kernels take
 
 
 def acts_on(effect: Effect, structure: Structure) -> bool:
     """Whether an effect has a meaning on a structure."""
-    if effect.systems and not {structure.family, structure.original} & {*effect.systems}:
-        return False
+    return not why_idle(effect, structure)
+
+
+def why_idle(effect: Effect, structure: Structure) -> str:
+    """Why an effect has no meaning on a structure; empty where it has one."""
+    name = structure.family
+    if effect.systems and not {name, structure.original} & {*effect.systems}:
+        return f'it acts on {", ".join(effect.systems)}, not on {name}'
     if structure.wires < effect.wires:
-        return False
-    if structure.imposed_temperature >= 0 and effect.port in HEATING or effect.straight and structure.strain is not None:
-        return False
-    if 'stiffness' in effect.needs and not structure.stiffness or 'gravity' in effect.needs and not structure.gravity:
-        return False
-    if effect.needs and not acting_coordinates(effect.needs, structure):
-        return False
-    return (
-        effect.port != PORT_NAMES[SENSING]
-        or effect.clock is not None
-        or any(slot >= 0 for slot in channel_slots(effect, structure))
-    )
+        return f'it needs {effect.wires} wires, {name} has {structure.wires}'
+    if structure.imposed_temperature >= 0 and effect.port in HEATING:
+        return f'the temperature of the wires of {name} is imposed'
+    if effect.straight and structure.strain is not None:
+        return f'it acts on straight wires, those of {name} are twisted'
+    lacking = [need for need in FUNCTIONS if need in effect.needs and getattr(structure, need) is None]
+    if lacking:
+        return f'{name} declares no {lacking[0]}'
+    is_of_channel = effect.port == PORT_NAMES[SENSING] and effect.clock is None
+    acts = not is_of_channel or any(slot >= 0 for slot in channel_slots(effect, structure))
+    acts = acts and (not effect.needs or bool(acting_coordinates(effect.needs, structure)))
+    return '' if acts else f'{name} has nothing on which it could act'
+
+
+def idle_effects(effects: Iterable[Effect], structure: Structure) -> tuple[str, ...]:
+    """In words, which of some effects have no meaning on a structure, and why."""
+    return tuple(f'effect {one.name} is left out: {why}' for one in effects if (why := why_idle(one, structure)))
 
 
 def is_tried(effect: Effect, structure: Structure) -> bool:
