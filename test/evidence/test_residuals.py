@@ -21,6 +21,7 @@ from sma_sim import (
     wire_input,
 )
 from sma_sim.evidence.data.tables import read_columns
+from sma_sim.evidence.estimation import run_tangents
 from sma_sim.evidence.estimation.calibrate import SEARCH_RTOL, problem_for
 from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.evidence.estimation.residuals import error_over_noise, fit_data, step_limit, weighted_residuals
@@ -52,6 +53,22 @@ def test_residuals_are_those_of_the_prediction(model, step_limited):
     point = PickledConfig(truth), nuisance
     found = linearized_by_tangents(TangentTask(run, point, (point,), -1, 0.0, ()))
     assert found is not None and np.array_equal(found[0], expected)
+
+
+@pytest.mark.parametrize(('steeper', 'is_one'), [(1e9, True), (1e60, False)])
+def test_a_tangent_that_the_smallest_step_would_pass_is_none(steeper, is_one, monkeypatch):
+    """Where a run is as good as a jump: differences of finite steps tell then where to go."""
+    truth, nuisance = config(), Nuisance(0.0, (0.2, 0.7))
+    run, point = fit_data(recording(truth, command(1, 8.0), rate=4.0), NOISE), (PickledConfig(truth), nuisance)
+    moved = PickledConfig(scaled(truth, beam__E=1.0 + 1e-6)), nuisance
+    whole = run_tangents.sensitivities_of
+
+    def exploding(task):
+        found = whole(task)
+        return replace(found, tangents=steeper * found.tangents)
+
+    monkeypatch.setattr(run_tangents, 'sensitivities_of', exploding)
+    assert (linearized_by_tangents(TangentTask(run, point, (moved,), -1, 0.0, ())) is not None) == is_one
 
 
 @pytest.mark.parametrize('delay', [0.03, 0.5])

@@ -1,6 +1,7 @@
 """Intervals, correlated residuals, and what the data do not determine: each equivalence known from the equations."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,8 +11,10 @@ from sma_sim import Dataset, FitOptions, calibrate, module_input, predict
 from sma_sim.evidence.estimation import uncertainty
 from sma_sim.evidence.estimation.free_parameters import FreeParameter, choose_free
 from sma_sim.evidence.estimation.overdispersion import autocorrelation_time
+from sma_sim.evidence.estimation.plausibility import reported_covariance
 from sma_sim.evidence.estimation.problem import linearized_in_turn
-from sma_sim.evidence.estimation.uncertainty import JACOBIAN_RTOL, interval, long_run, unidentified
+from sma_sim.evidence.estimation.run_estimates import ReducedRun
+from sma_sim.evidence.estimation.uncertainty import JACOBIAN_RTOL, RunInformation, interval, long_run, unidentified
 from sma_sim.solver.simulate import SimulationError
 
 S = 1.1  # how far an equivalence is followed
@@ -96,6 +99,26 @@ def with_other_length(given, stretch):
         **{f'initial.x_M_{i}': 1.0 - s * (1.0 - wire[f'initial.x_M_{i}']) for i in (1, 2)},
     }
     return replace(given, parameters={**wire, **changed})
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_derivatives_that_explode_leave_variances(seed):
+    """Of numbers that differ by more than rounding errors can tell, no variance of any parameter is negative."""
+    free, random = choose_free(config('mas'))[0], np.random.default_rng(seed)
+    problem = SimpleNamespace(free=free, shared=free, delay=0.0, runs=(), robust=False, indices=list)
+    n, runs, reduced = len(free), [], []
+    for size in (0.0, 1e67, 0.0):
+        jacobian = 1e3 * random.normal(size=(n, 1, 40)) * 10.0 ** random.uniform(-3.0, 0.0, (n, 1, 1))
+        jacobian[:, 0, -3:] += size * np.outer(random.normal(size=n), random.normal(size=3))
+        hessian = np.einsum('uck,vck->cuv', jacobian, jacobian)
+        equations = SimpleNamespace(indices=np.arange(n))
+        runs.append(RunInformation(equations, hessian, np.array([6e4]), jacobian[:, 0] * random.normal(size=40), {'T': 5.0}))
+        reduced.append(ReducedRun('', hessian[0], np.zeros(n)))
+    known = uncertainty.uncertainty(problem, np.zeros(n), runs)
+    assert all(np.isfinite(one.std) and one.std > 0.0 for one in known.intervals)
+    assert np.diag(known.correlation) == pytest.approx(1.0)
+    assert (np.diag(reported_covariance(free, known)) > 0.0).all()
+    assert all((run.alone(np.zeros(n))[1] > 0.0).all() for run in reduced)
 
 
 def test_hybrid_wires_that_never_empty_do_not_show_their_length():

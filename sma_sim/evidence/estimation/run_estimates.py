@@ -18,7 +18,7 @@ from sma_sim.evidence.estimation.chi_square import chi_square_tail
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, FreeParameter
 from sma_sim.evidence.estimation.problem import LinearizedRun, Problem, normal_equations, robust_weights
 from sma_sim.evidence.estimation.residuals import FitData
-from sma_sim.evidence.estimation.uncertainty import GAUSS_95, channel_overdispersion
+from sma_sim.evidence.estimation.uncertainty import GAUSS_95, channel_overdispersion, inverse_of_precision
 from sma_sim.model.arrays import Matrix, Vector
 
 DISAGREE = 0.01  # chance, over all parameters, below which recordings do not agree
@@ -77,7 +77,7 @@ class ReducedRun:
 
     def alone(self, z: Vector) -> tuple[Vector, Vector]:
         """The shared unknowns (s,) as this recording alone has them, held by the priors, and their standard errors."""
-        covariance = np.linalg.inv(self.information + np.eye(len(self.gradient)))
+        covariance = inverse_of_precision(self.information + np.eye(len(self.gradient)))
         shared = z[: len(self.gradient)]
         return shared - covariance @ (self.gradient + shared), np.sqrt(np.diag(covariance))
 

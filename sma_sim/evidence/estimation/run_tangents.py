@@ -34,6 +34,7 @@ from sma_sim.solver.work import Work
 # Of solver.rtol, in the runs that give tangents, unless they are a search's, which has them already: tangents keep 3 digits,
 # where a difference of two such runs would be noise.
 LOOSER = {'hybrid': 10.0, 'mas': 3.0}
+EPS = float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True)
@@ -107,8 +108,9 @@ def linearized_by_tangents(task: TangentTask) -> tuple[Matrix, NDArray[np.float6
     jacobian = np.ascontiguousarray(derivatives(run, nuisance, shown, tangents))  # to the same bits from any process
     for j, column in beside.items():
         jacobian[j] = column
-    if not np.isfinite(float(np.vdot(residuals, residuals)) + float(np.vdot(jacobian, jacobian))):
-        return None  # or so large that the normal equations would overflow
+    steepest = max(float(jacobian.max(initial=0.0)), -float(jacobian.min(initial=0.0)))
+    if not (np.isfinite(float(np.vdot(residuals, residuals))) and steepest * EPS < 1.0):
+        return None  # as good as a jump: the smallest step that a number can make would change the residuals by their noise
     return residuals, jacobian, correction
 
 

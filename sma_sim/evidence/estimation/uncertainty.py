@@ -192,6 +192,8 @@ def uncertainty(problem: Problem, z: Vector, runs: Sequence[RunInformation]) -> 
         scores[at] += long_run(run.scores, max(times.values()))
     inverse = inverse_of_precision(hessian)
     covariance = inverse @ scattered @ inverse
+    # overdispersion is at least 1, and variances as much as without; rounding may leave less where derivatives explode
+    np.fill_diagonal(covariance, np.maximum(np.diag(covariance), np.diag(inverse)))
     variance = np.maximum(np.diag(covariance), np.diag(inverse @ scores @ inverse))
     information = np.linalg.inv(inverse_of_precision(said)[:p, :p]) - BOUND_STDS**-2.0 * np.eye(p) if p else np.zeros((0, 0))
     size, vectors = np.linalg.eigh(information)
