@@ -123,7 +123,8 @@ def implausible_sentence(found: Sequence[ImplausibleParameter]) -> str:
     """What it means that parameters left their plausible range."""
     return (
         f'Outside the plausible range: {", ".join(parameter.text for parameter in found)}. The model is probably missing '
-        f'something, or its nominal values are not those of this robot{material_hint(found)}.'
+        'something, and its intervals need not hold the true values, or its nominal values are not those of this '
+        f'robot{material_hint(found)}.'
     )
 
 
