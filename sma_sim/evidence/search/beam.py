@@ -116,7 +116,7 @@ def search(
         improve(size, book, context)
         if equations and size == EQUATIONS_AFTER and may_be_unlisted(book, size):
             add_equations(bare(book), book, context)
-        if context.stop.is_set() or (size >= EQUATIONS_AFTER and book.best is before):
+        if context.stop.is_set() or (size >= EQUATIONS_AFTER and size > found and book.best is before):
             break
         if book.best.leaves_nothing and len(book.best.components) < size:
             break

@@ -125,7 +125,9 @@ def catalogue_for(nominal: FitResult, context: SearchContext) -> Catalogue:
     """The effects that may be missing from a model and would show, and their scopes where these are asked for."""
     effects = candidates_for(nominal.problem.config, context.folders)
     if not any(is_powered(run.source) for run in nominal.problem.runs):
-        effects = tuple(one for one in effects if one.found.effect.port != PORT_NAMES[ACTUATION])
+        # what is imposed without a driver stands in the rows that are measured, by the same clock
+        found = ((one, one.found.effect) for one in effects)
+        effects = tuple(one for one, effect in found if effect.port != PORT_NAMES[ACTUATION] and effect.clock is None)
     channels = {name for run in nominal.problem.runs for name in run.channels}
     return Catalogue(effects, variants_of(effects, channels) if context.variants else ())
 
