@@ -19,7 +19,7 @@ from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.evidence.search.beam import Book
 from sma_sim.evidence.search.components import Component
 from sma_sim.evidence.search.posterior import Posterior
-from sma_sim.evidence.search.refine import TIE, Model, without
+from sma_sim.evidence.search.refine import Model, without
 from sma_sim.model.effects.discovery import FoundEffect
 
 SHOWN = 8  # candidates of a step that are reported
@@ -101,8 +101,8 @@ def in_place_of(component: Component, best: Model, book: Book, posterior: Poster
     """The listed effects that explain as well in place of one, beside all others of the best model: those that are tied with
     it, and those for which data speak no less, however much less probable their priors make them."""
     exchanged = [one for one in book.ranked(len(best.components)) if best.names - one.names == {component.name}]
-    limit = best.fit.squares + 2.0 * TIE * posterior.overdispersion**2
-    tied = [*posterior.rivals(exchanged, best), *(one for one in exchanged if one.fit.squares <= limit)]
+    as_close = [one for one in exchanged if one.fit.squares <= best.fit.squares]
+    tied = [*posterior.rivals(exchanged, best), *as_close]
     found = {one.effect: one for one in (added(model, best) for model in tied)}
     return [one for one in found.values() if not (one.is_formula or one.is_difference)]
 
