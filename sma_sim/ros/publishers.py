@@ -53,11 +53,6 @@ def change_topics(structure: Structure) -> dict[str, Any]:
     return heating | {f'{drive.name}{APPLIED}': Float64 for drive in structure.drives} | {'T_E_applied': Float64}
 
 
-def recorded_topic(publisher: Any, kind: Any) -> RecordedTopic:
-    """What a bag says of a topic that is published."""
-    return RecordedTopic(publisher.topic_name, type_name(kind), as_metadata(publisher.qos_profile))
-
-
 def restamped(cdr: bytes, stamp: int) -> bytes:
     """A serialized message that begins with a header, with another stamp [ns]: its seconds and nanoseconds come first."""
     return cdr[:CDR_HEAD] + STAMP.pack(*divmod(stamp, 10**9)) + cdr[CDR_HEAD + STAMP.size :]
@@ -85,7 +80,10 @@ class Publishers:
             for name, kind in kinds.items()
         }
         self._numbers = {name: number for number, name in enumerate(kinds)}
-        self.recorded = [recorded_topic(self._publishers[name], kind) for name, kind in kinds.items()]
+        self.recorded = [
+            RecordedTopic(publisher.topic_name, type_name(kinds[name]), as_metadata(publisher.qos_profile))
+            for name, publisher in self._publishers.items()
+        ]
         self._clock = make_publisher(node, Clock, '/clock', LAST_FEW) if clock else None
         self.recorder: Recorder | None = None
 

@@ -32,7 +32,7 @@ def fit_result_data(found: Calibration, predicted: Sequence[RunFit], dataset: Da
         'delay_std': uncertainty.delay_std if uncertainty else None,
         'error': {
             'train': found.error,
-            'held_out': mean_error_of(predicted),
+            'held_out': float((sum(fit.error**2 for fit in predicted) / len(predicted)) ** 0.5) if predicted else None,
             'channels': found.channel_errors,
             'runs': {fit.name: run_data(fit, held_out=False) for fit in found.runs}
             | {fit.name: run_data(fit, held_out=True) for fit in predicted},
@@ -74,11 +74,6 @@ def run_data(fit: RunFit, held_out: bool) -> dict[str, Any]:
         'drifts': fit.drifts,
         'ambient': fit.ambient,
     }
-
-
-def mean_error_of(fits: Sequence[RunFit]) -> float | None:
-    """The normalized RMSE of several runs, None for none."""
-    return float((sum(fit.error**2 for fit in fits) / len(fits)) ** 0.5) if fits else None
 
 
 def by_run_data(found: Sequence[ParameterByRun]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from sma_sim import Config, Dataset, UserError, find_effects
 from sma_sim.cli.main import main
 from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.estimation.plausibility import is_plausible, other_form
-from sma_sim.evidence.model_selection.candidates import candidates_for
+from sma_sim.evidence.model_selection.candidates import candidates_for, shape_values
 from sma_sim.model.config import read_config
 from sma_sim.model.effects.meaning import acts_on
 from sma_sim.model.structures.module import STRUCTURE as MODULE
@@ -53,6 +53,15 @@ def test_shapes_are_probed_one_at_a_time():
         assert len(families) - len(of_centre) == count - 1
         assert of_centre == sorted(of_centre) and len(of_centre) == (1 if name == 'gravity' else 3)
         assert all(sum(shape[key] != centre[key] for key in centre) <= 1 for shape in shapes)
+
+
+def test_shapes_of_one_sign_are_divided_by_ratios():
+    shapes = [p for found in find_effects().values() for p in found.effect.parameters if p.neutral is None and p.realistic]
+    positive = [p for p in shapes if p.realistic[0] > 0.0]
+    assert 10 < len(positive) < len(shapes)
+    for parameter in positive:
+        first, middle, last = shape_values(parameter)
+        assert first * last == pytest.approx(middle**2) == pytest.approx(parameter.realistic[0] * parameter.realistic[1])
 
 
 def test_plausible_values():

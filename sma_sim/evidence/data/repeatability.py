@@ -61,9 +61,10 @@ def with_bench(dataset: Dataset, mapping: ColumnMap) -> Dataset:
     drifts = {channels[name]: entry.drift_std for name, entry in stated.items() if entry.drift_std}
     dataset, recordings = replace(dataset, nuisances=mapping.nuisances), dataset.recordings
     if zeros or drifts or ambient_std:
+        is_imposed = {one.system: known_structures()[one.system].imposed_temperature >= 0 for one in recordings}
         recordings = tuple(
-            replace(recording, zero_std=zeros, drift_std=drifts, ambient_std=ambient_std if has_air(recording) else 0.0)
-            for recording in recordings
+            replace(one, zero_std=zeros, drift_std=drifts, ambient_std=0.0 if is_imposed[one.system] else ambient_std)
+            for one in recordings
         )
     known = dataset.noise_std
     recordings = tuple(with_sample_noise(one, known, relative, floor) for one in recordings)
@@ -100,11 +101,6 @@ def levels_of_noise(recordings: Sequence[Recording], floor: Mapping[str, float])
             found.setdefault(name, []).append(stds)
     squares = {name: float(np.mean(np.concatenate(own) ** 2)) - floor.get(name, 0.0) ** 2 for name, own in found.items()}
     return {name: sqrt(square) for name, square in squares.items()}
-
-
-def has_air(recording: Recording) -> bool:
-    """Whether the wires of a recording exchange heat with their surroundings: not those whose temperature is imposed."""
-    return known_structures()[recording.system].imposed_temperature < 0
 
 
 def thinned(recording: Recording, interval: float) -> Recording:

@@ -210,7 +210,9 @@ def with_best_confirmed(
             break
         confirmed.append(best.sequence)
         for again in refit_to_sequences(refits, problem, [best.sequence], DAMPED_REFIT):
-            ranking[0] = replace(best, ratios=tuple(map(lower_ratio, best.ratios, again.ratios)))
+            pairs = zip(best.ratios, again.ratios, strict=True)
+            lower = (replace(one, draws=tuple(map(min, one.draws, other.draws))) for one, other in pairs)
+            ranking[0] = replace(best, ratios=tuple(lower))
         ranking = by_refitted_utility(refits, ranking)
     return ranking
 
@@ -218,11 +220,6 @@ def with_best_confirmed(
 def by_refitted_utility(refits: RefitProblem, sequences: Sequence[RefittedSequence]) -> list[RefittedSequence]:
     """The best first."""
     return sorted(sequences, key=lambda refitted: -refits.utility(refitted.ratios))
-
-
-def lower_ratio(first: EvidenceRatio, second: EvidenceRatio) -> EvidenceRatio:
-    """The smaller at each draw."""
-    return replace(first, draws=tuple(map(min, first.draws, second.draws)))
 
 
 def search_with_refits(

@@ -7,7 +7,7 @@ Simulation alone decides which hypotheses are followed.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -223,7 +223,10 @@ def trial_steps(
                     replace(
                         point,
                         z=np.clip(point.z + fraction * (z - point.z), low, high),
-                        inputs=tuple(blended(now, then, fraction) for now, then in pairs),
+                        inputs=tuple(
+                            {port: (1.0 - fraction) * now[port] + fraction * u for port, u in then.items()}
+                            for now, then in pairs
+                        ),
                     ),
                 )
 
@@ -250,8 +253,3 @@ def inputs_by_run(point: LinearizationPoint, hypothesis: InputHypothesis, u: Vec
             at += len(grid.knots)
         by_run.append(inputs)
     return by_run
-
-
-def blended(now: Mapping[Port, Vector], then: Mapping[Port, Vector], fraction: float) -> dict[Port, Vector]:
-    """Inputs a fraction of the way on."""
-    return {port: (1.0 - fraction) * now[port] + fraction * u for port, u in then.items()}

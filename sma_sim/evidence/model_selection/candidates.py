@@ -130,7 +130,7 @@ def steps_of(parameter: Parameter, fraction: float) -> list[float]:
 
 def interpolated(low: float, high: float, fraction: float) -> float:
     """A point of a range, on a logarithmic scale where that has one."""
-    if low > 0.0 and high / low > CRITERIA.log_range_ratio:
+    if low > 0.0:
         return low * math.pow(high / low, fraction)
     return low + fraction * (high - low)
 

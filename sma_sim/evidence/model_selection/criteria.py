@@ -14,10 +14,8 @@ class SelectionCriteria:
     """Where in its realistic range a parameter is probed that has no neutral value there: the centres of its thirds."""
     probe_fraction: float = 0.3
     """Probe step as a fraction of a realistic range that begins at neutral: visible, and still in the linear part."""
-    log_range_ratio: float = 3.0
-    """Ends of a range whose ratio is larger are interpolated logarithmically."""
 
-    # Score tests
+    # Score tests: two budgets of time, and what is rounding
     most_instants: int = 2000
     tried_instants: int = 3
     """Times at which residuals may change, and at how many of them an effect with an instant is probed."""

@@ -248,14 +248,9 @@ class Track:
         self._beside: list[Run | None] = [None] * (1 + len(self._moved))  # of the nominal and the moved ones, at the last
         self._shown: dict[int, Matrix] = {}  # by bin (1 + P, channels) over noise: more than the nominal, derivatives
 
-    @property
-    def kept_since(self) -> float:
-        """The first instant at which the state is known that begins at most SPAN before the last one [s]."""
-        return next(t for t, _ in self._states if t >= self._states[-1][0] - SPAN)
-
     def trim(self) -> float:
         """Forget what is older than SPAN; since when the rest is [s]."""
-        begin = self.kept_since
+        begin = next(t for t, _ in self._states if t >= self._states[-1][0] - SPAN)
         self._states = [one for one in self._states if one[0] >= begin]
         self._shown = {number: rows for number, rows in self._shown.items() if (number + 1) * BIN > begin}
         return begin

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sma_sim.evidence.residual_analysis.compare import ComparedRun, Comparison
+from sma_sim.evidence.residual_analysis.compare import Comparison
 from sma_sim.evidence.residual_analysis.error_by_stratum import samples_of
 from sma_sim.evidence.residual_analysis.subgroups import BOOTSTRAP_DRAWS, blocks_of
 
@@ -40,13 +40,8 @@ def error_changes(first: Comparison, second: Comparison) -> tuple[ErrorChange, .
         error_change(replace(first, runs=first.part(held)), replace(second, runs=second.part(held)), channel, held)
         for held in (False, True)
         for channel in first.channels
-        if has_samples(first.part(held), channel)
+        if any(np.isfinite(run.measured.get(channel, np.nan)).any() for run in first.part(held))
     )
-
-
-def has_samples(runs: tuple[ComparedRun, ...], channel: str) -> bool:
-    """Whether any of the runs has samples of the channel."""
-    return any(channel in run.measured and np.isfinite(run.measured[channel]).any() for run in runs)
 
 
 def error_change(first: Comparison, second: Comparison, channel: str, held: bool) -> ErrorChange:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from sma_sim.model.effects.effect import Effect, kind_of
-from sma_sim.model.effects.meaning import acting_coordinates, acts_on, channel_slots, moves_in_space
+from sma_sim.model.effects.meaning import acting_coordinates, acts_on, channel_slots
 from sma_sim.model.effects.ports import PORT_NAMES, SENSING
 from sma_sim.model.parameters import Parameter, wire_constants
 from sma_sim.model.structures.module import STRUCTURE as MODULE
@@ -83,7 +83,8 @@ def more_parameters(effect: Effect, structure: Structure) -> tuple[Parameter, ..
         for each in effect.each_bundle
         for number in each.numbers(structure.wires)
     ]
-    return (*(effect.in_space if moves_in_space(structure) else ()), *bundles)
+    moves_in_space = any(structure.weight(0.0, 0.0, 1.0))
+    return (*(effect.in_space if moves_in_space else ()), *bundles)
 
 
 def has_parameter(name: str, structure: Structure) -> bool:

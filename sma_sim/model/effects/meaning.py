@@ -57,11 +57,6 @@ def acting_coordinates(needs: tuple[str, ...], structure: Structure) -> tuple[in
     return tuple(j for j in every if 'joint' not in needs or structure.coordinates[j].joint)
 
 
-def moves_in_space(structure: Structure) -> bool:
-    """Whether gravity along z moves a structure."""
-    return any(structure.weight(0.0, 0.0, 1.0))
-
-
 def channel_slots(effect: Effect, structure: Structure) -> list[int]:
     """The instance of a sensing effect on each channel of the structure, -1 where it does not act.
 

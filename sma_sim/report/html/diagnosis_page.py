@@ -179,20 +179,16 @@ def selection_section(number: int, step: SelectionStep, review: DiagnosisReview)
         given = next(run for run in review.given.runs if run.name == changed.before.name)
         blocks += [change_plot(changed, given), Grid(range_plots(accepted))]
     if step.candidate_fits:
-        blocks += candidate_blocks(step, diagnosis.held_out_ratio if number == 1 else {})
+        ratios = diagnosis.held_out_ratio if number == 1 else {}
+        blocks += [
+            Table(CANDIDATE_HEADER, [candidate_row(fit, ratios) for fit in step.candidate_fits], CANDIDATE_CAPTION),
+            Bullets([f'{fit.name}: {fitted_values(fit)}' for fit in step.candidate_fits]),
+        ]
     if accepted is not None:
         blocks += confounding_blocks(accepted, diagnosis)
         if (change := diagnosis.change('added', accepted.name)) is not None:
             blocks.append(channel_plot(*change, review.scores(bool(change[0].held_out_channel_errors))))
     return Section(f'Step {number}', blocks)
-
-
-def candidate_blocks(step: SelectionStep, held_out_ratios: Mapping[str, float]) -> list[Block]:
-    """What was fitted; `held_out_ratios` of errors by effect."""
-    return [
-        Table(CANDIDATE_HEADER, [candidate_row(fit, held_out_ratios) for fit in step.candidate_fits], CANDIDATE_CAPTION),
-        Bullets([f'{fit.name}: {fitted_values(fit)}' for fit in step.candidate_fits]),
-    ]
 
 
 def outcome(step: SelectionStep) -> str:
