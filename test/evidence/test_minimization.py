@@ -161,10 +161,10 @@ def test_how_much_of_a_prediction_must_come_true(curves, monkeypatch, share, sai
     first = bounded_step(model[1], model[2], 1.0, *(limit - z for limit in curves.limits()))
     expected = -float(model[1] @ first + 0.5 * first @ model[2] @ first)
 
-    def shown(_, at, __):
+    def shown(_, __, at):
         return model[0] - share * expected if np.allclose(at, z + first) else 0.0
 
-    monkeypatch.setattr(levenberg_marquardt, 'cost_at', shown)
+    monkeypatch.setattr(levenberg_marquardt, 'cost_of', shown)
     step, gained, damping = damped_step(curves, z, model, 1.0, 0.0, None)
     if said is None:
         assert np.linalg.norm(step) < np.linalg.norm(first) and damping == pytest.approx(DAMPING_INCREASE / 10.0)
@@ -172,10 +172,75 @@ def test_how_much_of_a_prediction_must_come_true(curves, monkeypatch, share, sai
         assert (gained / expected, damping) == pytest.approx(said) and step == pytest.approx(first)
 
 
+@dataclass(frozen=True)
+class Canyon(Curves):
+    """Two runs of a valley along z_1 = sin(3 z_0)/2 that is 1e-4 wide, and falls towards z_0 = 2; z_2 and z_3 are at 1."""
+
+    width: float = 1e-4
+
+    def run(self, z, k):
+        return np.array([[(z[1] - 0.5 * np.sin(3.0 * z[0])) / self.width, 4.0 * (z[0] - 2.0), 10.0 * (z[2 + k] - 1.0)]])
+
+    def linearized(self, z):
+        slopes = np.zeros((3, 1, 3))
+        slopes[:2, 0, 0] = np.array([-1.5 * np.cos(3.0 * z[0]), 1.0]) / self.width
+        slopes[0, 0, 1], slopes[2, 0, 2] = 4.0, 10.0
+        return [LinearizedRun(np.array([0, 1, 2 + k]), self.run(z, k), slopes) for k in (0, 1)]
+
+
+@pytest.fixture
+def simulated(monkeypatch):
+    """The points at which residuals of a canyon were asked for."""
+    points = []
+
+    def seen(problem, z, _):
+        points.append(z)
+        return residuals_at(problem, z, _)
+
+    for module in (levenberg_marquardt, problem_module):
+        monkeypatch.setattr(module, 'residuals_at', seen)
+        monkeypatch.setattr(module, 'linearized_in_turn', lambda problem, z, *_: problem.linearized(z))
+    return points
+
+
+IN_THE_CANYON = np.array([-0.5, 0.5 * np.sin(-1.5), 0.0, 0.0])
+
+
+@pytest.mark.parametrize(('high', 'robust'), [(3.0, False), (3.0, True), (0.4, False)])
+def test_steps_bend_along_a_narrow_valley(simulated, high, robust):
+    """With the derivatives at hand a fit follows it to its end, a bound or not, in a part of the steps and of the runs."""
+    canyon, found = Canyon(np.zeros((2, 3)), high=high, robust=robust), []
+    for size in (0, MAX_KEPT + 1):
+        simulated.clear()
+        problem = replace(canyon, derivative_bytes=size)
+        found.append((minimize(problem, IN_THE_CANYON, TO_THE_END, context()), len(simulated)))
+    (bent, runs), (straight, more) = found
+    assert bent.converged and bent.cost <= straight.cost + 1e-6 and (bent.z <= high).all()
+    assert 2 * bent.iterations < straight.iterations and runs < more
+    if not robust:
+        expected = least_squares(canyon.stacked, bent.z, bounds=canyon.limits(), xtol=1e-14, ftol=1e-14, gtol=1e-14)
+        assert bent.cost == pytest.approx(expected.cost, rel=1e-5)
+
+
+def test_a_bend_that_is_long_beside_its_step_is_not_tried(simulated, monkeypatch):
+    """Nor one that promises no more than counts; without it a step is as it would be straight."""
+    canyon, z = Canyon(np.zeros((2, 3))), IN_THE_CANYON
+    linear = canyon.linearized(z)
+    model = quadratic_model(canyon, linear, z)
+    straight = damped_step(canyon, z, model, 1.0, 0.0, None)
+    count = len(simulated)
+    bent = damped_step(canyon, z, model, 1.0, 0.0, None, linear)
+    assert bent[1] > 2.0 * straight[1] and len(simulated) < 2 * count
+    simulated.clear()
+    monkeypatch.setattr(levenberg_marquardt, 'MAX_BEND', 0.0)
+    again = damped_step(canyon, z, model, 1.0, 0.0, None, linear)
+    assert (again[0] == straight[0]).all() and again[1:] == straight[1:] and len(simulated) == count
+
+
 def test_a_step_that_nothing_shortens_enough_is_none(curves, monkeypatch):
     z = np.array([1.0, 0.3, 0.0, 0.0])
     model = quadratic_model(curves, linearize(curves, z), z)
-    monkeypatch.setattr(levenberg_marquardt, 'cost_at', lambda *_: np.inf)
+    monkeypatch.setattr(levenberg_marquardt, 'cost_of', lambda *_: np.inf)
     step, gained, damping = damped_step(curves, z, model, 1.0, -1.0, None)
     assert not step.any() and gained == 0.0 and MAX_DAMPING < damping <= MAX_DAMPING * DAMPING_INCREASE
     assert not minimize(curves, z, TO_THE_END, context()).converged

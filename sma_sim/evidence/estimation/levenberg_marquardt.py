@@ -16,7 +16,6 @@ from sma_sim.evidence.estimation.problem import (
     QuadraticModel,
     accumulated,
     better_steps,
-    cost_at,
     cost_of,
     linearized_in_turn,
     measured_steps,
@@ -24,6 +23,7 @@ from sma_sim.evidence.estimation.problem import (
     normal_equations,
     quadratic_model,
     residuals_at,
+    robust_weights,
 )
 from sma_sim.evidence.estimation.search_context import SearchContext, Stop
 from sma_sim.evidence.estimation.stop_criteria import StopCriteria
@@ -35,7 +35,9 @@ WARM_UP = 3  # iterations before early stopping may end a minimisation
 MAX_SECANT_STEPS = 12  # without a linearisation, which costs more than all of them
 SECANT_WARM_UP, PACE_STEPS = 5, 3  # steps before one that is too slow may be given up, and those that tell how fast it is
 SECANT_DAMPING, SECANT_DAMPING_FLOOR = 10.0, 1e-3  # factor after a step that gained little, or much; least at a start
-MAX_KEPT = 2**26  # [bytes] of derivatives that are kept for steps without a linearisation: of 17 runs of 100 s at 50 Hz
+MAX_KEPT = 2**26  # [bytes] of derivatives that are kept to bend steps and for those without a linearisation: of 17 runs of
+# 100 s at 50 Hz
+MAX_BEND = 0.75  # twice the length of a bend over that of its step: where it is more, the second order does not hold
 COST_FLOOR = 1e-9  # per sample; below it only the solver's error is fitted
 
 
@@ -81,16 +83,18 @@ def bounded_step(gradient: Vector, hessian: Matrix, damping: float, low: Vector,
 def minimize(problem: Problem, z: Vector, criteria: StopCriteria, context: SearchContext, label: str = '') -> FitResult:
     """Minimise the cost from z. Raises SimulationError when the model cannot be run at the start.
 
-    Damping is absolute: what data hardly see stays near its prior until the rest is right. Differences become
-    central when a step gains little, because valleys are narrow. `label` names the minimisation in `on_iteration`.
+    Damping is absolute: what data hardly see stays near its prior until the rest is right. Differences become central when
+    a step gains little, because valleys are narrow; they are bent too, and steps with them (`damped_step`), as long as the
+    derivatives fit into the memory. `label` names the minimisation in `on_iteration`.
     """
     half = 0.5 * problem.samples
-    secant = criteria.secant and problem.derivative_bytes <= MAX_KEPT
+    is_kept = problem.derivative_bytes <= MAX_KEPT
+    secant = criteria.secant and is_kept
     central, damping = criteria.central or problem.has_tangents, criteria.damping
     steps = measured_steps(problem, z, context.pool) if central else None
     for iteration in range(criteria.max_iterations):
         runs = linearized_in_turn(problem, z, context.pool, steps, central)
-        linear = list(runs) if secant else []
+        linear = list(runs) if is_kept else []
         parts = [normal_equations(run, problem.robust) for run in linear or runs]
         model = accumulated(parts, z, problem.tempering)
         cost = model[0]
@@ -106,7 +110,7 @@ def minimize(problem: Problem, z: Vector, criteria: StopCriteria, context: Searc
             steps = better_steps(problem, model[2], central)
             continue
         nearby = near(problem, [part.correction for part in parts])
-        step, gained, damping = damped_step(nearby, z, model, damping, min_decrease, context.pool)
+        step, gained, damping = damped_step(nearby, z, model, damping, min_decrease, context.pool, linear)
         z = z + step
         if gained <= criteria.relative_decrease * cost and (central or damping <= MAX_DAMPING):
             return FitResult(problem, z, cost - gained, iteration, damping <= MAX_DAMPING)
@@ -174,11 +178,22 @@ def secant_update(run: LinearizedRun, step: Vector, shown: Matrix, taken: bool) 
 
 
 def damped_step(
-    problem: Problem, z: Vector, model: QuadraticModel, damping: float, min_decrease: float, executor: Executor
+    problem: Problem,
+    z: Vector,
+    model: QuadraticModel,
+    damping: float,
+    min_decrease: float,
+    executor: Executor,
+    linear: Sequence[LinearizedRun] = (),
 ) -> tuple[Vector, float, float]:
     """The first step that lowers the cost, with more damping after each that does not: step, decrease, next damping.
 
     No step and no decrease when it is predicted to gain at most `min_decrease`, or (beyond MAX_DAMPING) when none gains.
+    With the derivatives at hand (`linear`) a step is bent where that promises to gain more than `min_decrease`. Residuals
+    r(z + v) after a step v are beyond r + J v by half of their second derivative along v, and b, which minimises the damped
+    model of what is beyond, takes back as much of it as any parameters can: v + b is geodesic acceleration (Transtrum and
+    Sethna, arXiv:1201.5885) with a difference over the whole step, which was simulated anyway. In a bent valley b leads back
+    to its floor.
     """
     low, high = problem.limits()
     cost, gradient, hessian = model
@@ -191,8 +206,29 @@ def damped_step(
         expected = -float(gradient @ step + 0.5 * step @ hessian @ step)
         if expected <= min_decrease:
             break
-        gained = cost - cost_at(problem, z + step, executor)
+        shown = residuals_at(problem, z + step, executor)
+        gained = cost - cost_of(problem, shown, z + step)
+        if linear and np.isfinite(gained):
+            pull = second_order_pull(linear, shown, step, problem.robust)
+            bend = bounded_step(pull, hessian, damping, low - z - step, high - z - step)
+            promised = -float((gradient + hessian @ step + pull) @ bend + 0.5 * bend @ hessian @ bend)
+            if promised > min_decrease and 2.0 * float(np.linalg.norm(bend)) <= MAX_BEND * float(np.linalg.norm(step)):
+                more = cost - cost_of(problem, residuals_at(problem, z + step + bend, executor), z + step + bend)
+                if more > gained:
+                    step, gained = step + bend, more
         if gained > 0.1 * expected:
             return step, gained, damping / 10.0 if gained > 0.5 * expected else damping
         damping *= DAMPING_INCREASE
     return np.zeros_like(z), 0.0, damping
+
+
+def second_order_pull(linear: Sequence[LinearizedRun], shown: Sequence[Matrix | None], step: Vector, robust: bool) -> Vector:
+    """The gradient (n,) of what the residuals `shown` after a step are beyond its linearisation."""
+    pull = np.zeros_like(step)
+    for run, there in zip(linear, shown, strict=True):
+        if there is not None:
+            beyond = there - run.residuals - np.tensordot(step[run.indices], run.jacobian, 1)
+            if robust:
+                beyond *= robust_weights(run.residuals) ** 2
+            pull[run.indices] += np.tensordot(run.jacobian, beyond, 2)
+    return pull
