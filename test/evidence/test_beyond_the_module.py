@@ -25,7 +25,7 @@ from sma_sim.evidence.symbolic_regression.formula import Formula
 from sma_sim.evidence.symbolic_regression.locations import locations_for
 from sma_sim.evidence.symbolic_regression.term_fits import TermFit
 from sma_sim.evidence.symbolic_regression.universal_term import universal_term
-from sma_sim.evidence.symbolic_regression.visited_states import visited_states
+from sma_sim.evidence.symbolic_regression.visited_states import ModelRuns
 from sma_sim.model.effects.discovery import find_effects
 from sma_sim.model.effects.meaning import acts_on
 from sma_sim.solver.inputs import Input
@@ -158,7 +158,7 @@ def test_states_that_terms_read():
     data = Dataset((Recording('run', 'spatial', run.time, {'alpha': run['alpha_rad']}, source),), {'alpha': 1e-3})
     problem = problem_for(data, model.config, FitOptions(free=('wire.lambda',)), 1)
     heat = next(one for one in locations_for(model.config, ('alpha',)) if one.name == 'heat_3')
-    (states,) = visited_states(heat, problem, start_point(problem))
+    (states,) = ModelRuns(problem, start_point(problem)).visited(heat)
     fields = states.fields
     assert {'U_z', 'dgamma', 'sigma', 'J'} <= set(fields) and set(fields['others']) == {2.0}
     assert len(states.samples) == len(fields['T_other'])

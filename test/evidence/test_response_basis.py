@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
+from sma_sim.evidence.estimation.problem import LinearizedRun
+from sma_sim.evidence.model_selection.score_tests import Projection
 from sma_sim.evidence.symbolic_regression.response_basis import TOLERANCE, by_combination, by_product
 
 
@@ -82,3 +85,25 @@ def test_of_a_sensor_that_lags_responses_are_simulated():
     assert len(set(simulated)) > 4
     for response, exact in zip(found[:6], sensed(columns, [], lag=10)(list(range(6))), strict=True):
         assert np.linalg.norm(response - exact) <= 2.0 * TOLERANCE * np.linalg.norm(exact)
+
+
+@pytest.mark.parametrize('tempering', [1.0, 3.0])
+def test_products_of_many_responses_are_those_of_what_is_left_of_each(tempering):
+    """Of two runs with unknowns of their own; a response that an unknown absorbs whole, and none, are not seen."""
+    random = np.random.default_rng(1)
+    linear = [
+        LinearizedRun(np.array([0, 1, 2 + k]), random.normal(size=(2, 30)), 10.0 * random.normal(size=(3, 2, 30)))
+        for k in (0, 1)
+    ]
+    for run in linear:
+        run.jacobian[0] *= 1e4
+    absorbed = np.concatenate([run.jacobian[0].ravel() for run in linear])
+    responses, vector = np.vstack([random.normal(size=(5, 120)), absorbed, np.zeros(120)]), random.normal(size=120)
+    project = Projection(linear, 4, tempering)
+    products, squares = project.products(responses, vector)
+    for response, product, square in zip(responses, products, squares, strict=True):
+        left = project.visible(response)
+        assert np.isnan(product) == np.isnan(square) == (left is None)
+        if left is not None:
+            assert (product, square) == pytest.approx((left @ vector, left @ left), rel=1e-9)
+    assert np.isnan(products).tolist() == [False] * 5 + [True] * 2

@@ -37,7 +37,6 @@ EQUATIONS_AFTER = 2  # components: what listed effects explain, one or two of th
 IMITATED = 1000.0  # nats that one effect explains: to leave nothing of more, another law has to be alike to a few per cent
 EXCHANGE_SHARE = 0.5  # of what that promises which they would replace: to first order neither is exact
 DIFFERENCES = 2  # between recordings that are fitted beside a model, without a sketch: their promises are nearly exact
-SKETCHED_TERMS = 2 * SKETCHED  # of equations: of ten times as many as there are effects, neighbours are alike
 FORMS = 3  # of the laws of a model that are fitted
 ROUNDS = 3  # of exchanges, each from where the last has led
 
@@ -224,7 +223,7 @@ def add_equations(base: Model, book: Book, context: SearchContext) -> None:
         context.on_progress(f'fitting the terms of an equation at every port {beside}')
         least = EXCHANGE_SHARE * propose.promise_of(replaced, base.fit, context) if in_place else -inf
         proposals = [one for one in propose.terms(base.fit, context, timed) if one.promise >= least]
-        leads += add_extended(base, components_of(proposals), book, context, restarts=lead is None)
+        leads += add_extended(base, [one.component for one in proposals], book, context, restarts=lead is None)
         before, lead = lead, best_of(leads, book)
         if lead is None or lead.leaves_nothing or (before and lead.names == before.names):
             break
@@ -232,7 +231,8 @@ def add_equations(base: Model, book: Book, context: SearchContext) -> None:
             break
         base = stripped(lead, lead.components[-1:])
     if lead is not None and not lead.leaves_nothing and book.best.lacks_unlisted and not context.stop.is_set():
-        add_extended(lead, components_of(propose.terms(lead.fit, context, first=lead.components[-1])), book, context)
+        second = propose.terms(lead.fit, context, first=lead.components[-1])
+        add_extended(lead, [one.component for one in second], book, context)
     best = book.best
     for component in best.components:
         if component.is_formula:
@@ -243,11 +243,6 @@ def best_of(models: Sequence[Model], book: Book) -> Model | None:
     """Of some models, as the book has them now, the most probable; None of none."""
     k, known = book.overdispersion, [book.models[model.key] for model in models]
     return max(known, key=lambda model: model.score(k), default=None)
-
-
-def components_of(proposals: Sequence[propose.Proposal]) -> list[Component]:
-    """The components of the best proposals."""
-    return [one.component for one in proposals[:SKETCHED_TERMS]]
 
 
 def parents(book: Book, size: int) -> list[Model]:

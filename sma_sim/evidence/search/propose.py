@@ -24,6 +24,7 @@ from sma_sim.evidence.symbolic_regression.formula import Formula, as_candidate
 from sma_sim.evidence.symbolic_regression.term_fits import terms_at
 from sma_sim.solver.simulate import SimulationError
 
+SKETCHED_TERMS = 24  # of equations, twice as many as effects: of ten times as many as these, neighbours are alike
 MARGIN = 3.0  # nats by which a fit may gain more than the first order promises: it moves shapes too
 
 
@@ -81,7 +82,8 @@ def promise_of(components: Sequence[Component], base: FitResult, context: Search
 
 
 def terms(base: FitResult, context: SearchContext, timed: bool = True, first: Component | None = None) -> list[Proposal]:
-    """Terms of an equation at every place, or second ones where a `first` is; none where a model cannot be linearised.
+    """The best terms of an equation at every place, SKETCHED_TERMS of them, or second ones where a `first` is; none where a
+    model cannot be linearised.
 
     `timed`: also functions of time. In place of effects of the robot's states which leave nothing, one of these would have
     to go as the states do in every run.
@@ -95,13 +97,14 @@ def terms(base: FitResult, context: SearchContext, timed: bool = True, first: Co
         return []
     if known is not None:
         fits = [fit for fit in fits if fit.location == known.location and fit.term != known.term]
-    places, proposals = len({fit.location.name for fit in fits}), list[Proposal]()
-    for fit in fits:
-        candidate = as_candidate(fit, structure, int(known is not None))
-        log_prior = formula_log_prior(len(fit.location.terms), places)
-        component = Component(Formula((fit,), structure.structure).name, log_prior, candidate, fit)
-        proposals.append(Proposal(component, 0.5 * k**2 * fit.error_reduction + log_prior))
-    return promising(proposals)
+    places = len({fit.location.name for fit in fits})
+    priors = [formula_log_prior(len(fit.location.terms), places) for fit in fits]
+    promises = [0.5 * k**2 * fit.error_reduction + log_prior for fit, log_prior in zip(fits, priors, strict=True)]
+    best = sorted(zip(promises, priors, fits, strict=True), key=lambda one: -one[0])[:SKETCHED_TERMS]
+    return promising(
+        Proposal(Component(Formula((fit,), structure.structure).name, log_prior, candidate, fit), promise)
+        for promise, log_prior, fit in best for candidate in (as_candidate(fit, structure, int(known is not None)),)
+    )  # fmt: skip
 
 
 def forms(model: Model, catalogue: Catalogue, context: SearchContext) -> list[tuple[Component, Component]]:

@@ -18,7 +18,7 @@ from sma_sim.evidence.symbolic_regression.formula import Formula
 from sma_sim.evidence.symbolic_regression.locations import EVERY_WIRE, Location
 from sma_sim.evidence.symbolic_regression.term_fits import LinearizedFit, TermTrial
 from sma_sim.evidence.symbolic_regression.term_library import HAT_FUNCTION
-from sma_sim.evidence.symbolic_regression.visited_states import VisitedStates, term_values, visited_states
+from sma_sim.evidence.symbolic_regression.visited_states import VisitedStates, term_values
 from sma_sim.model.arrays import Vector
 
 NODES_PER_RUN = 25  # hat functions: points of a run in the plot
@@ -66,7 +66,7 @@ def partial_residual_plot(fitted: FitResult, formula: Formula, pool: Executor) -
     variable, runs = chosen_variable(formula), fitted.problem.runs
     singles = [one for one in linearized.locations if one.name in formula.location.ports]
     locations = singles if formula.location.component == EVERY_WIRE else [formula.location]
-    visited = [visited_states(location, fitted.problem, fitted.z) for location in locations]
+    visited = [linearized.runs.visited(location) for location in locations]
     values = [formula_values(formula, states) for of_location in visited for states in of_location]
     size = max(float(np.sqrt(np.mean(np.concatenate(values) ** 2))), 1e-300)
     nodes = [np.linspace(float(run.time[0]), float(run.time[-1]), NODES_PER_RUN) for run in runs]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
 from math import inf
@@ -27,11 +27,12 @@ from sma_sim.evidence.symbolic_regression.locations import EVERY_WIRE, Location,
 from sma_sim.evidence.symbolic_regression.response_basis import by_combination, by_product, follows_slow_states
 from sma_sim.evidence.symbolic_regression.terms import ShapeParameter, Term
 from sma_sim.evidence.symbolic_regression.universal_term import universal_term
-from sma_sim.evidence.symbolic_regression.visited_states import VisitedStates, term_values, visited_states
+from sma_sim.evidence.symbolic_regression.visited_states import ModelRuns, VisitedStates, term_values
 from sma_sim.model.arrays import Vector
 
 RESPONSE_RTOL = 1e-4  # solver.rtol of the responses: both sides of each difference have it
 TRIED = 0.1  # of a small but visible quantity: over all of it responses bend, where parameters absorb most of what is linear
+AT_ONCE = 64  # responses that are projected
 EXACT_TERMS = 100  # of the best whose own responses are simulated: combinations, and responses that are not linear, misorder
 Limits = tuple[float, float]
 # Cost grows with their product.
@@ -81,6 +82,7 @@ class LinearizedFit:
 
     def __init__(self, problem: Problem, z: Vector, pool: Executor) -> None:
         self._problem, self._z, self._pool = problem, z, pool
+        self.runs = ModelRuns(problem, z)
         self.linear = linearize(problem, z, pool, measured_steps(problem, z, pool), central=True)
         self.projection = Projection(self.linear, len(z))
         self.projected_residuals = self.projection(np.concatenate([run.residuals.ravel() for run in self.linear]))
@@ -92,11 +94,7 @@ class LinearizedFit:
     def ranges(self, location: Location) -> VisitedRanges:
         """What the grids at a location are made of."""
         length = max(float(run.time[-1]) for run in self._problem.runs)
-        return VisitedRanges(self.visited(location), length, self._frequencies)
-
-    def visited(self, location: Location, every_sample: bool = False) -> list[VisitedStates]:
-        """The states that kernels at a location see along the runs."""
-        return visited_states(location, self._problem, self._z, every_sample)
+        return VisitedRanges(self.runs.visited(location), length, self._frequencies)
 
     @property
     def locations(self) -> tuple[Location, ...]:
@@ -150,16 +148,16 @@ def fit_terms_at(linearized: LinearizedFit, group: Sequence[Location], stop: Sto
         for shapes in shape_grid(term, ranges)
         if 0.0 < (size := max(rms_value(term, shapes, states) for states in ranges.visited)) < inf
     ]
-    by_location = [responses_at(linearized, location, trials) for location in group if location.component != EVERY_WIRE]
+    responses = [responses_at(linearized, location, trials) for location in group if location.component != EVERY_WIRE]
+    if len(responses) < len(group):
+        responses.append([sum_of(of_trial) for of_trial in zip(*responses, strict=True)])
     best: dict[tuple[str, str], TermFit] = {}
-    for k, trial in enumerate(trials):
-        responses = [of_trials[k] for of_trials in by_location]
-        for location, response in zip(group, [*responses, sum_of(responses)], strict=False):
-            fit = term_fit(linearized, location, trial, response)
-            key = location.name, trial.term.name
-            if fit and fit.error_reduction > (best[key].error_reduction if key in best else 0.0):
-                best[key] = replace(fit, limits=tuple(grid_of(shape, ranges)[1] for shape in trial.term.shapes))
-    return list(best.values())
+    for location, of_trials in zip(group, responses, strict=True):
+        for fit in term_fits(linearized, location, trials, of_trials):
+            key = location.name, fit.term.name
+            if fit.error_reduction > (best[key].error_reduction if key in best else 0.0):
+                best[key] = fit
+    return [replace(fit, limits=tuple(grid_of(shape, ranges)[1] for shape in fit.term.shapes)) for fit in best.values()]
 
 
 def responses_at(linearized: LinearizedFit, location: Location, trials: Sequence[TermTrial]) -> list[Vector | None]:
@@ -172,7 +170,7 @@ def responses_at(linearized: LinearizedFit, location: Location, trials: Sequence
     if location.hook != 'sensing':
         return by_combination(simulated, along)
     channels = [len(run.residuals) for run in linearized.linear]
-    return by_product(simulated, along, columns_of(trials, linearized.visited(location, every_sample=True), channels))
+    return by_product(simulated, along, columns_of(trials, linearized.runs.visited(location, every_sample=True), channels))
 
 
 def columns_of(
@@ -194,14 +192,21 @@ def columns_of(
     ]
 
 
-def term_fit(linearized: LinearizedFit, location: Location, trial: TermTrial, response: Vector | None) -> TermFit | None:
-    """The least-squares coefficient of a term by its response to a trial; None where the channels do not see it."""
-    column = None if response is None else linearized.projection.visible(response)
-    if column is None:
-        return None
-    score, size = float(column @ linearized.projected_residuals), float(column @ column)
-    coefficient, gain = -trial.coefficient * score / size, score**2 / size
-    return TermFit(location, trial.term, trial.shapes, coefficient, gain, (), trial.coefficient)
+def term_fits(
+    linearized: LinearizedFit, location: Location, trials: Sequence[TermTrial], responses: Sequence[Vector | None]
+) -> list[TermFit]:
+    """The least-squares coefficients of terms by their responses to trials; of those that the channels see."""
+    known, found = [k for k, response in enumerate(responses) if response is not None], list[TermFit]()
+    for first in range(0, len(known), AT_ONCE):
+        some = known[first : first + AT_ONCE]
+        rows = np.array([responses[k] for k in some])
+        scores, sizes = linearized.projection.products(rows, linearized.projected_residuals)
+        for k, score, size in zip(some, scores.tolist(), sizes.tolist(), strict=True):
+            if size == size:
+                trial = trials[k]
+                coefficient, gain = -trial.coefficient * score / size, score**2 / size
+                found.append(TermFit(location, trial.term, trial.shapes, coefficient, gain, (), trial.coefficient))
+    return found
 
 
 def location_groups(locations: Sequence[Location]) -> list[list[Location]]:
@@ -250,8 +255,8 @@ def with_own_responses(linearized: LinearizedFit, fits: Sequence[TermFit]) -> li
     found = []
     for fit in fits:
         whole = sum_of([own.get((name, fit.trial)) for name in fit.location.ports])
-        exact = term_fit(linearized, fit.location, fit.trial, whole)
-        found.append(fit if exact is None else replace(exact, limits=fit.limits))
+        exact = term_fits(linearized, fit.location, [fit.trial], [whole])
+        found.append(replace(exact[0], limits=fit.limits) if exact else fit)
     return found
 
 
@@ -263,10 +268,15 @@ class VisitedRanges:
     length: float
     frequencies: tuple[float, ...]
 
+    known: dict[str, tuple[float, float]] = field(default_factory=dict, init=False, repr=False, compare=False)
+
     def range_of(self, variable: str) -> tuple[float, float]:
         """The values of a variable that the runs visit."""
-        values = np.concatenate([states.fields[variable] for states in self.visited])
-        return float(np.percentile(values, TRIMMED_PERCENT)), float(np.percentile(values, 100.0 - TRIMMED_PERCENT))
+        if variable not in self.known:
+            values = np.concatenate([states.fields[variable] for states in self.visited])
+            low, high = np.percentile(values, [TRIMMED_PERCENT, 100.0 - TRIMMED_PERCENT])
+            self.known[variable] = float(low), float(high)
+        return self.known[variable]
 
 
 def grid_of(shape: ShapeParameter, ranges: VisitedRanges) -> tuple[tuple[float, ...], Limits]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 from itertools import product
 from types import CodeType, SimpleNamespace
@@ -39,6 +39,7 @@ class VisitedStates:
 
     wire: int
     fields: Mapping[str, Vector]
+    known: dict[tuple[Term, tuple[float, ...]], Vector] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @cached_property
     def samples(self) -> list[Any]:
@@ -48,19 +49,39 @@ class VisitedStates:
         return [SimpleNamespace(**dict(zip(names, row, strict=True))) for row in rows]
 
 
-def visited_states(location: Location, problem: Problem, z: Vector, every_sample: bool = False) -> list[VisitedStates]:
-    """All runs of a problem at z as the kernels at a location see them, every wire where it acts in each; at some of their
-    samples, or at every one."""
-    config, visited = problem.fitted(z), []
-    pairs = zip(problem.runs, problem.indices(), strict=True)
-    runs = [(run.time, model_columns(config, run, problem.nuisance(run, z[indices]))) for run, indices in pairs]
-    for wire, (time, columns) in product(wires_of_kernels(location, config.structure.structure.wires), runs):
-        fields = kernel_fields(time, columns, config, wire)
+class ModelRuns:
+    """All runs of a problem at z, made once for all locations at which terms are tried."""
+
+    def __init__(self, problem: Problem, z: Vector) -> None:
+        self._config = config = problem.fitted(z)
+        pairs = zip(problem.runs, problem.indices(), strict=True)
+        self._runs = [(run.time, model_columns(config, run, problem.nuisance(run, z[indices]))) for run, indices in pairs]
+        self._fields: dict[tuple[int, int], dict[str, Vector]] = {}
+        self._states: dict[tuple[int, int, str, bool], VisitedStates] = {}
+
+    def visited(self, location: Location, every_sample: bool = False) -> list[VisitedStates]:
+        """The runs as the kernels at a location see them, every wire where it acts in each; at some of their samples, or at
+        every one."""
+        sensor = location.name if location.hook == 'sensing' else ''
+        wires = wires_of_kernels(location, self._config.structure.structure.wires)
+        found = []
+        for wire, run in product(wires, range(len(self._runs))):
+            key = (wire, run, sensor, every_sample)
+            if key not in self._states:
+                self._states[key] = self._as_seen(wire, run, location, every_sample)
+            found.append(self._states[key])
+        return found
+
+    def _as_seen(self, wire: int, run: int, location: Location, every_sample: bool) -> VisitedStates:
+        """One run as kernels at a location see it in one wire."""
+        time, columns = self._runs[run]
+        if (wire, run) not in self._fields:
+            self._fields[wire, run] = kernel_fields(time, columns, self._config, wire)
+        fields = self._fields[wire, run]
         if location.hook == 'sensing':
-            fields |= sensor_fields(location, fields, config)
+            fields = fields | sensor_fields(location, fields, self._config)
         every = 1 if every_sample else max(1, len(time) // MAX_STATES_PER_RUN)
-        visited.append(VisitedStates(wire, {name: values[::every] for name, values in fields.items()}))
-    return visited
+        return VisitedStates(wire, {name: values[::every] for name, values in fields.items()})
 
 
 def wires_of_kernels(location: Location, wires: int) -> Sequence[int]:
@@ -116,6 +137,14 @@ def compiled_expression(expression: str) -> CodeType:
 
 
 def term_values(term: Term, shapes: Sequence[float], states: VisitedStates) -> Vector:
+    """A term along a run, (k,), which is evaluated once."""
+    key = (term, tuple(shapes))
+    if key not in states.known:
+        states.known[key] = evaluated(term, shapes, states)
+    return states.known[key]
+
+
+def evaluated(term: Term, shapes: Sequence[float], states: VisitedStates) -> Vector:
     """A term along a run, (k,); its state is integrated by Euler's rule at the samples. Infinite from where it overflows."""
     values = {f'q_{k}': float(shape) for k, shape in enumerate(shapes)}
     names = {shape.name: f'p.q_{k}' for k, shape in enumerate(term.shapes)}
