@@ -196,7 +196,7 @@ def test_the_best_terms_count_by_their_own_responses(tried, coefficient):
     linearized = SimpleNamespace(
         locations=tuple(LOCATIONS[name] for name in ('heat_1', 'heat_2', 'strain_1', 'sense_alpha')),
         responses=responses,
-        projection=SimpleNamespace(visible=lambda response: response),
+        projection=SimpleNamespace(products=lambda rows, vector: (rows @ vector, (rows**2).sum(axis=1))),
         projected_residuals=residuals,
     )
     names = ('heat', 'heat_1', 'strain_1', 'sense_alpha')

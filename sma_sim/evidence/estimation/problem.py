@@ -191,22 +191,32 @@ def near(problem: Problem, corrections: Sequence[Matrix | None]) -> Problem:
 
 def residuals_at(problem: Problem, z: Vector, executor: Executor) -> list[Matrix | None]:
     """Weighted residuals of every run."""
-    return [future.result()[0] for future in submitted(problem, z, problem.fitted(z), executor)]
+    return list(residuals_under(problem, z, [problem.fitted(z)], executor)[0])
 
 
-def submitted(problem: Problem, z: Vector, config: Config, executor: Executor) -> list[Future[list[Matrix | None]]]:
-    """The weighted residuals of every run under a configuration, with what z says of the runs, as they are computed."""
-    pickled = PickledConfig(config)
-    tasks = [
-        EvaluationTask(run, ((pickled, problem.nuisance(run, z[indices])),))
-        for run, indices in zip(problem.runs, problem.indices(), strict=True)
-    ]
-    return [executor.submit(evaluate, task) for task in tasks]
+def residuals_under(
+    problem: Problem, z: Vector, configs: Sequence[Config], executor: Executor
+) -> list[tuple[Matrix | None, ...]]:
+    """By configuration, the weighted residuals of every run with what z says of the runs."""
+    pickled = [PickledConfig(config) for config in configs]
+    count = min(len(configs), pieces_by_run(problem, executor))
+    submitted = []
+    for run, indices in zip(problem.runs, problem.indices(), strict=True):
+        nuisance = problem.nuisance(run, z[indices])
+        points = [(config, nuisance) for config in pickled]
+        tasks = [EvaluationTask(run, tuple(points[k::count])) for k in range(count)]
+        submitted.append([executor.submit(evaluate, task) for task in tasks])
+    return list(zip(*(gathered(futures, len(configs)) for futures in submitted), strict=True))
 
 
-def change_of(runs: Sequence[Future[list[Matrix | None]]], base: Sequence[Matrix | None]) -> Vector | None:
-    """The change (N,) of all `submitted` residuals from those of a base; None where a run of either cannot be made."""
-    pairs = zip([run.result()[0] for run in runs], base, strict=True)
+def pieces_by_run(problem: Problem, executor: Executor) -> int:
+    """Into how many tasks the points of one run are dealt out, so that all workers are busy."""
+    return max(1, -(-2 * workers_of(executor) // len(problem.runs)))
+
+
+def change_of(shown: Sequence[Matrix | None], base: Sequence[Matrix | None]) -> Vector | None:
+    """The change (N,) of the residuals of all runs from those of a base; None where a run of either cannot be made."""
+    pairs = zip(shown, base, strict=True)
     changes = [(there - here).ravel() for there, here in pairs if there is not None and here is not None]
     return np.concatenate(changes) if len(changes) == len(base) else None
 
@@ -304,7 +314,7 @@ def linearize_by_differences(
     """
     low, high = problem.limits()
     steps = np.full(len(z), DEFAULT_STEP) if steps is None else steps
-    pieces = max(1, -(-2 * workers_of(executor) // len(problem.runs)))
+    pieces = pieces_by_run(problem, executor)
     submitted = []
     for run, indices in zip(problem.runs, problem.indices(), strict=True):
         part = z[indices]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import inf, isnan, nan
 
 import numpy as np
@@ -27,6 +27,7 @@ from sma_sim.solver.simulate import SimulationError, Trajectory, copy_of_run, ne
 from sma_sim.solver.smoothed_input import Leeway, Stretches, smoothed
 from sma_sim.solver.work import Work
 
+Plan = tuple[Input, Vector, NDArray[np.int64]]
 ZERO_STDS = 4.0  # of its prior, within which a zero of a recording lies: beyond, something else is missing
 ZERO_LIMIT = 2e-3  # of strain, by which the zero of a recording may be off: grips settle, gauges are set by hand
 SOFTEST = 1.5e10  # [Pa] of wires: a strain that was set to zero under load lacks no more than stress over this
@@ -84,6 +85,7 @@ class FitData:
     leeway: Leeway | None = None
     correction: NDArray[np.float64] | None = None
     floor_shares: tuple[float, ...] = ()
+    _last_plan: list[tuple[Nuisance, Plan]] = field(init=False, repr=False, compare=False, default_factory=list)
 
     @property
     def is_quasi_static(self) -> bool:
@@ -407,16 +409,21 @@ def simulated(
     return source, trajectory, index
 
 
-def planned_run(run: FitData, nuisance: Nuisance) -> tuple[Input, Vector, NDArray[np.int64]]:
+def planned_run(run: FitData, nuisance: Nuisance) -> Plan:
     """The input of a run, the times [s] to sample, and the sample that each of the recording (k,) shows.
 
-    Times may be later than the input, whose last values are then held.
+    Times may be later than the input, whose last values are then held. The last plan is kept: many models are run by it.
     """
+    for known, plan in run._last_plan:
+        if known == nuisance:
+            return plan
     times = run.time - nuisance.delay
     source = effective_input(with_switches(run, nuisance.switches), run.unpowered_side, nuisance.ambient)
     early = int(np.searchsorted(times, source.times[0], side='right'))
     asked = np.concatenate([source.times[:1], times[early:]])
-    return source, asked, np.maximum(np.arange(len(times)) - early + 1, 0)
+    plan = source, asked, np.maximum(np.arange(len(times)) - early + 1, 0)
+    run._last_plan[:] = [(nuisance, plan)]
+    return plan
 
 
 def weighted_residuals(config: Config | Model, run: FitData, nuisance: Nuisance | None = None) -> NDArray[np.float64]:

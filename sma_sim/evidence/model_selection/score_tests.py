@@ -23,7 +23,7 @@ from sma_sim.evidence.estimation.problem import (
     linearize,
     near,
     normal_equations,
-    submitted,
+    residuals_under,
 )
 from sma_sim.evidence.model_selection.candidates import Candidate, Probe, at_instants, instants_of, with_effect
 from sma_sim.evidence.model_selection.criteria import CRITERIA
@@ -150,8 +150,8 @@ def probe_all(
     ]
     values = [{**probe.shape, probe.parameter: probe.neutral + probe.step} for _, probe in probes]
     configs = [with_effect(config, one.found, at) for (one, _), at in zip(probes, values, strict=True)]
-    futures = [submitted(nearby, z, probed, pool) for probed in configs]
-    changes = [change_of(runs, [run.residuals for run in linear]) for runs in futures]
+    base = [run.residuals for run in linear]
+    changes = [change_of(shown, base) for shown in residuals_under(nearby, z, configs, pool)]
     return {id(probe): change for (_, probe), change in zip(probes, changes, strict=True) if change is not None}
 
 

@@ -19,7 +19,15 @@ import numpy as np
 
 from sma_sim.evidence.estimation.executors import run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.problem import LinearizedRun, Problem, change_of, linearize, measured_steps, near, submitted
+from sma_sim.evidence.estimation.problem import (
+    LinearizedRun,
+    Problem,
+    change_of,
+    linearize,
+    measured_steps,
+    near,
+    residuals_under,
+)
 from sma_sim.evidence.estimation.search_context import SearchContext, Stop
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.score_tests import Projection
@@ -29,6 +37,7 @@ from sma_sim.evidence.symbolic_regression.terms import ShapeParameter, Term
 from sma_sim.evidence.symbolic_regression.universal_term import universal_term
 from sma_sim.evidence.symbolic_regression.visited_states import ModelRuns, VisitedStates, term_values
 from sma_sim.model.arrays import Vector
+from sma_sim.model.config import Config
 
 RESPONSE_RTOL = 1e-4  # solver.rtol of the responses: both sides of each difference have it
 TRIED = 0.1  # of a small but visible quantity: over all of it responses bend, where parameters absorb most of what is linear
@@ -88,7 +97,7 @@ class LinearizedFit:
         self.projected_residuals = self.projection(np.concatenate([run.residuals.ravel() for run in self.linear]))
         self._nearby = near(problem, [run.correction for run in self.linear])
         self._config = problem.at_tolerance(RESPONSE_RTOL).fitted(z)
-        self._nominal = [run.result()[0] for run in submitted(self._nearby, z, self._config, pool)]
+        (self._nominal,) = residuals_under(self._nearby, z, [self._config], pool)
         self._frequencies = peak_frequencies(problem, self.linear)
 
     def ranges(self, location: Location) -> VisitedRanges:
@@ -116,13 +125,12 @@ class LinearizedFit:
 
     def _changes(self, location: Location, trials: Sequence[TermTrial]) -> list[Vector | None]:
         """The change of all residuals by each trial as it is."""
-        futures = []
+        configs = list[Config]()
         for trial in trials:
             effect = universal_term(location.hook, bool(trial.term.rate), self._config.structure)
             values = effect.values(location, trial.term, trial.coefficient, trial.shapes)
-            config = with_effect(self._config, effect.found, values)
-            futures.append(submitted(self._nearby, self._z, config, self._pool))
-        return [change_of(runs, self._nominal) for runs in futures]
+            configs.append(with_effect(self._config, effect.found, values))
+        return [change_of(shown, self._nominal) for shown in residuals_under(self._nearby, self._z, configs, self._pool)]
 
 
 def rms_value(term: Term, shapes: Sequence[float], states: VisitedStates) -> float:
