@@ -19,7 +19,6 @@ from sma_sim.model.structures.geometry import shape_of
 from sma_sim.model.structures.module import STRUCTURE as MODULE
 from sma_sim.report.palette import MODE_COLOURS
 from sma_sim.ros.messages import Messages
-from sma_sim.ros.robot_frames import frame_prefix
 from sma_sim.solver.columns import sample_columns
 
 Points = Iterable[Sequence[float]]
@@ -38,11 +37,6 @@ def colour_from(code: str) -> ColorRGBA:
 
 
 MODE_RGBA = {mode: colour_from(code) for mode, code in MODE_COLOURS.items()}
-
-
-def frame_of(namespace: str) -> str:
-    """The frame of a node's markers: modules in several namespaces are told apart."""
-    return frame_prefix(namespace) + BASE_FRAME
 
 
 def line_marker(header: Header, number: int, name: str, line: Points, width: float, rgba: ColorRGBA) -> Marker:
@@ -68,8 +62,9 @@ def markers(stamp: Time, frame: str, row: NDArray[Any], modes: Sequence[int], be
     return MarkerArray(markers=lines)
 
 
-def picture_of(config: Config, frame: str, made: Messages) -> Picture:
+def picture_of(config: Config, frame_prefix: str, made: Messages) -> Picture:
     """What draws a structure with these parameters from samples, which `made` reads."""
+    frame = frame_prefix + BASE_FRAME
     if config.structure.structure is MODULE:
         beam, h = beam_constants(config.parameters), config.parameters['beam.h']
         return lambda stamp, row, modes: markers(stamp, frame, row, modes, beam, h)

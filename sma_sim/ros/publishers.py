@@ -22,7 +22,7 @@ from sma_sim.evidence.data.rosbag.interface import APPLIED, PAIR_COMMAND, interf
 from sma_sim.model.config import Config
 from sma_sim.model.structures.structure import Structure
 from sma_sim.ros.graph_check import type_name
-from sma_sim.ros.markers import frame_of, picture_of
+from sma_sim.ros.markers import picture_of
 from sma_sim.ros.messages import Messages, stamp_of
 from sma_sim.ros.qos import LAST_FEW, LATEST, as_metadata, make_publisher
 from sma_sim.ros.recorder import RecordedTopic, Recorder
@@ -65,8 +65,8 @@ class Publishers:
         structure = config.structure.structure
         resistances = bool(config.settings['node.publish_resistances'])
         self._messages = messages
-        self._picture = picture_of(config, frame_of(node.get_namespace()), messages)
         self._frame_prefix = frame_prefix(node.get_namespace())
+        self._picture = picture_of(config, self._frame_prefix, messages)
         self._joint_prefix = str(config.settings['node.joint_prefix'])
         senses = any(active.found.effect.port == 'sensing' for active in config.effects)
         true_pose = {TRUE_POSE: JointState} if senses and structure.coordinates else {}

@@ -237,7 +237,8 @@ def linearized_in_turn(
     """As `linearize`, one run after the other: derivatives of many runs would not fit into the memory at once."""
     indices, config = problem.indices(), PickledConfig(problem.fitted(z))
     has_tangents = [tangents_apply(config.config, run) for run in problem.runs]
-    moved = moved_configs(problem, z) if any(has_tangents) else []
+    points = z + DELTA * np.eye(len(problem.free), len(z))  # each free parameter in turn moved, which all runs share
+    moved = [PickledConfig(problem.fitted(point)) for point in points] if any(has_tangents) else []
     tasks = (
         tangent_task(problem, z, run, at, config, moved)
         for run, at, applies in zip(problem.runs, indices, has_tangents, strict=True)
@@ -252,11 +253,6 @@ def linearized_in_turn(
             own = replace(problem, runs=(run,))
             (other,) = linearize_by_differences(own, z[at], executor, steps if steps is None else steps[at], central)
             yield replace(other, indices=at)
-
-
-def moved_configs(problem: Problem, z: Vector) -> list[PickledConfig]:
-    """The configurations with each free parameter in turn moved by DELTA, which all runs share."""
-    return [PickledConfig(problem.fitted(at)) for at in z + DELTA * np.eye(len(problem.free), len(z))]
 
 
 def tangent_task(
