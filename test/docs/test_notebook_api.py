@@ -204,6 +204,7 @@ def test_results_print_in_a_line_and_show_a_table(run, dataset, fitted, diagnosi
         assert one._repr_html_().startswith('<table>') and len(one._repr_html_()) < 3000
         assert len(one.summary().splitlines()) > 1
     assert re.search(r'nominal +[\d.]+ +[\d.na]+\n', diagnosis.summary()) and 'something unlisted' in diagnosis.summary()
+    assert '1.000' not in diagnosis.summary()  # nothing is certain
     for one in (
         Model(),
         Config(effects='gravity'),

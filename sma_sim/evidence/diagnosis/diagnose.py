@@ -150,7 +150,8 @@ class Diagnosis(Shown, Saved):
         models = [(' + '.join(one.effects) or 'nominal', f'{one.train:.3g}', f'{one.held_out:.3g}') for one in self.stages]
         missing = {'nothing': self.posterior.none, 'something unlisted': self.posterior.unlisted, **self.posterior.effects}
         errors = text_table(('normalized RMSE', 'fitted', 'held out'), models)
-        odds = text_table(('missing', 'probability'), [(name, f'{p:.4f}') for name, p in missing.items()])
+        said = [(name, '> 0.999' if p > 0.999 else '< 0.001' if p < 0.001 else f'{p:.3f}') for name, p in missing.items()]
+        odds = text_table(('missing', 'probability'), said)
         return '\n\n'.join([super().summary(), errors, odds])
 
     @property
