@@ -31,7 +31,7 @@ from sma_sim.evidence.monitoring.causes import Cause, causes_for
 from sma_sim.evidence.monitoring.live_criteria import CHECKPOINT
 from sma_sim.evidence.monitoring.live_diagnosis import LiveDiagnosis, LiveFinding
 from sma_sim.evidence.monitoring.live_model import ComparedSample, InputChange
-from sma_sim.evidence.monitoring.past import continued, ignore, shifted
+from sma_sim.evidence.monitoring.past import continued, shifted
 from sma_sim.model.config import Config
 from sma_sim.solver.inputs import Input
 from sma_sim.solver.model import Model
@@ -74,12 +74,12 @@ def solve(kind: str, seed: int, off: float, pool: Executor) -> dict[str, Any]:
     changed, warmer, zero, amount = change_of(kind, config, random)
     times = np.arange(0.0, DURATION, 1.0 / RATE)
     base, model = Model(config), Model(changed)
-    predicted = shown(base, simulate(base, source, times, progress=ignore))
-    state = simulate(base, part(source, 0.0, onset), [onset], progress=ignore).state
+    predicted = shown(base, simulate(base, source, times))
+    state = simulate(base, part(source, 0.0, onset), [onset]).state
     before = times < onset
     after = part(source, onset, DURATION, warmer)
     start = continued(model, base, shifted(state, onset), after.values[0])
-    later = shown(base, simulate(model, after, times[~before] - onset, progress=ignore, initial_state=start))
+    later = shown(base, simulate(model, after, times[~before] - onset, initial_state=start))
     truth = np.vstack([predicted[before], later + zero])
     std = np.array([NOISE_STD.get(channel, np.nan) for channel in base.structure.channels])
     if not forces:
@@ -89,9 +89,7 @@ def solve(kind: str, seed: int, off: float, pool: Executor) -> dict[str, Any]:
     wrong = np.exp(off * np.random.default_rng([seed, 1]).standard_normal(len(UNCERTAIN_PARAMETERS)))
     known = config.variant({n: f * config.parameters[n] for n, f in zip(UNCERTAIN_PARAMETERS, wrong.tolist(), strict=True)})
     believed = Model(known)
-    findings = watched(
-        known, source, times, measured, shown(believed, simulate(believed, source, times, progress=ignore)), noise
-    )
+    findings = watched(known, source, times, measured, shown(believed, simulate(believed, source, times)), noise)
     shows = first_shown(times, (truth - predicted) / noise, np.isnan(std))
     return judged(kind, findings, onset, shows, forces) | {'amount': amount}
 

@@ -18,8 +18,9 @@ from sma_sim.solver.effect_table import layout, state_scales
 from sma_sim.solver.inputs import Input
 from sma_sim.solver.integrate import C_LAST_JUMP, C_WIRES, PER_WIRE_CONTROLS, Run
 from sma_sim.solver.model import Model
-from sma_sim.solver.simulate import SimulationError, Trajectory, new_run, new_work, simulate
+from sma_sim.solver.simulate import SimulationError, copy_of_run, new_run, new_work, sampled_channels
 
+MAX_STEPS = 10_000_000  # of a run: no usual one comes near
 Change = tuple[float, int, float]  # from when on [s], which column of the input, its value
 
 
@@ -172,22 +173,21 @@ class Window:
             onset = self.begin + onset - self.begin  # as the input has it, to rounding
             if onset > 0.0:
                 early = self.times[self.times - self.begin <= onset] - self.begin
-                run = sampled(base, self.input(base, self.begin + onset), np.union1d(early, onset), self.state)
-                if not run.completed or run.state is None:
-                    return None
-                later = self.since(self.begin + onset, shifted(run.state, onset))
+                values, state = sampled(base, self.input(base, self.begin + onset), np.union1d(early, onset), self.state)
+                later = self.since(self.begin + onset, shifted(state, onset))
                 rest = later.shown(model, base, noise, warmer) if len(later.times) else np.zeros(0)
-                return None if rest is None else np.concatenate([self._over_noise(run, base, noise, len(early)), rest])
+                return None if rest is None else np.concatenate([self._over_noise(values[: len(early)], noise), rest])
             source = self.input(model, self.end + BIN, warmer)
             start = None if self.state is None else continued(model, base, self.state, np.array(source.values[0]))
-            run = sampled(model, source, self.times - self.begin, start)
+            values, _ = sampled(model, source, self.times - self.begin, start)
         except SimulationError:
             return None
-        return self._over_noise(run, model, noise, len(self.times)) if run.completed else None
+        return self._over_noise(values, noise)
 
-    def _over_noise(self, run: Trajectory, model: Model, noise: Vector, count: int) -> Vector:
-        """What sensors show in the first `count` bins, over noise, as `residuals`."""
-        return (shown_by(run, model, count) / noise * self.root[:count])[self.root[:count] > 0.0]
+    def _over_noise(self, values: Matrix, noise: Vector) -> Vector:
+        """What sensors show (k, channels) in the first k bins, over noise, as `residuals`."""
+        root = self.root[: len(values)]
+        return (values / noise * root)[root > 0.0]
 
 
 class Past:
@@ -277,11 +277,9 @@ class Track:
         asked = np.union1d(times, end - begin)
         found, states = [], []
         for model, before in zip((self.base, self._nominal, *self._moved), (state, *self._beside), strict=True):
-            run = sampled(model, later.input(model, end), asked, before)
-            if not run.completed or run.state is None:
-                raise SimulationError(run.reason)
-            found.append(shown_by(run, model, len(times)) / self._noise)
-            states.append(shifted(run.state, end - begin))
+            values, after = sampled(model, later.input(model, end), asked, before)
+            found.append(values[: len(times)] / self._noise)
+            states.append(shifted(after, end - begin))
         base, nominal, *moved = found
         rows = np.array([base - nominal, *((one - base) / self._step for one in moved)])
         numbers = (window.times[inside] / BIN).astype(int).tolist()
@@ -292,18 +290,12 @@ class Track:
         return next(known for known in reversed(self._states) if known[0] <= instant + 1e-6)
 
 
-def sampled(model: Model, source: Input, times: Vector, state: Run | None) -> Trajectory:
-    """The channels of a model under an input at some times [s], from a state. Raises SimulationError."""
-    return simulate(model, source, times, progress=ignore, initial_state=state, channels=model.structure.channels)
-
-
-def shown_by(run: Trajectory, model: Model, count: int) -> Matrix:
-    """The first samples of all channels of a model (count, channels)."""
-    return np.column_stack([run.columns[name][:count] for name in model.structure.channel_columns])
-
-
-def ignore(share: float) -> None:
-    """No line of progress."""
+def sampled(model: Model, source: Input, times: Vector, state: Run | None) -> tuple[Matrix, Run]:
+    """What the channels of a model show under an input at some times (k,) [s], from a state, (k, channels), and the state
+    in which that ends. Raises SimulationError."""
+    work = new_work(model)
+    run = new_run(model, source.values[0], work) if state is None else copy_of_run(model, state)
+    return sampled_channels(model, source, times, model.structure.channels, MAX_STEPS, run, work), run
 
 
 def shifted(run: Run, by: float) -> Run:
