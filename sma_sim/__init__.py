@@ -105,9 +105,8 @@ def __getattr__(name: str) -> Any:
             return value
     if name.startswith('_'):
         raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
-    from sma_sim.model.nearest import UnknownNameError, suggestion
-
-    raise UnknownNameError(f'sma_sim has no {name}{suggestion(name, (*__all__, *_MODULES))}')
+    nearest = import_module(f'{__name__}.model.nearest')
+    raise nearest.UnknownNameError(f'sma_sim has no {name}{nearest.suggestion(name, (*__all__, *_MODULES))}')
 
 
 def __dir__() -> list[str]:

@@ -8,6 +8,7 @@ from contextlib import suppress
 import numpy as np
 
 from sma_sim.model.arrays import Vector
+from sma_sim.model.config import Config
 from sma_sim.model.effects.meaning import idle_effects
 from sma_sim.model.errors import PhysicsWarning
 from sma_sim.model.layout import O_S_A, O_S_M, Evaluation, InputPoint
@@ -94,10 +95,10 @@ def melting_note(temperatures: Vector) -> str:
     )
 
 
-def warn_of_idle_effects(model: Model) -> None:
-    """Warn of active effects that have no meaning in the model's system, and are therefore left out."""
-    for words in idle_effects((active.found.effect for active in model.config.effects), model.structure):
-        warnings.warn(words, PhysicsWarning, stacklevel=4)  # at the line that calls `simulate`
+def warn_of_idle_effects(config: Config, stacklevel: int = 4) -> None:
+    """Warn of active effects that have no meaning in the system, and are therefore left out, at the line of the caller."""
+    for words in idle_effects((active.found.effect for active in config.effects), config.structure.structure):
+        warnings.warn(words, PhysicsWarning, stacklevel=stacklevel)
 
 
 def notes_on_commands(model: Model, source: Input) -> tuple[str, ...]:

@@ -218,7 +218,7 @@ def simulate(
     if initial_state is None and channels is None:  # as a user calls it
         if len(source.times) < 2:
             raise UserError(f'input: expected at least two rows, the last one gives the end of the run, got {source.times}')
-        warn_of_idle_effects(model)
+        warn_of_idle_effects(model.config)
     if not max_step > 0.0:
         raise UserError(f'max_step = {max_step!r}: expected more than 0 s')
     times, values, slopes = segments(source)

@@ -589,8 +589,12 @@ def test_an_effect_that_is_left_out_is_said():
     for system, name, why in (('wire', 'gravity', 'wire'), ('coil', 'slack', 'straight wires, those of coil are twisted')):
         config = Config(system=system, effects=name)
         model = Model(config)
-        with pytest.warns(sma_sim.PhysicsWarning, match=f'effect {name} is left out: .*{why}'):
-            simulate(model, still(model), 1.0)
+        with pytest.warns(sma_sim.PhysicsWarning, match=f'effect {name} is left out: .*{why}') as said:
+            run = simulate(model, still(model), 1.0)
+            column = model.structure.channel_columns[0]
+            recording = Recording('run', system, run.time, {model.structure.channels[0]: run[column]}, still(model))
+            sma_sim.predict(config, recording)
+        assert len(said) == 2 and {one.filename for one in said} == {__file__}
     with warnings.catch_warnings():
         warnings.simplefilter('error')
         simulate(Config(effects='gravity'), COMMAND, 1.0)

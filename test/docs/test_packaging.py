@@ -41,7 +41,7 @@ def test_public_names_have_the_types_that_checkers_see():
     }
     assert seen == {(name, f'sma_sim.{home}') for home, names in sma_sim._EXPORTS.items() for name in names}
     assert {getattr(sma_sim, name).__name__ for name in sma_sim.__all__} == set(sma_sim.__all__)
-    with pytest.raises(AttributeError, match="module 'sma_sim' has no attribute 'simulat'"):
+    with pytest.raises(AttributeError, match='sma_sim has no simulat; did you mean simulate'):
         _ = sma_sim.simulat
 
 

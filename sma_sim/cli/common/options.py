@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import argparse
 import sys
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from sma_sim.model.config import Config, read_config
 from sma_sim.model.effects.meaning import idle_effects
+from sma_sim.model.errors import PhysicsWarning
 from sma_sim.model.given import effect_folders_of
 from sma_sim.solver import first_start
 from sma_sim.workflow.code_folders import folders_from
@@ -55,6 +57,7 @@ def noted(config: Config) -> Config:
     """The configuration itself; a line on stderr for every active effect that has no meaning in its system."""
     for words in idle_effects((active.found.effect for active in config.effects), config.structure.structure):
         print(f'note: {words}', file=sys.stderr)
+    warnings.filterwarnings('ignore', 'effect .* is left out', PhysicsWarning)  # what is called with it says so too
     return config
 
 

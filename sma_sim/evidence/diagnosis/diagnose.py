@@ -49,6 +49,8 @@ from sma_sim.model.progress import progress_in_words
 from sma_sim.model.renamed import renamed
 from sma_sim.model.shown import Shown, listed, text_table
 
+TINY = 0.001  # a probability beyond which only the bound is shown: nothing is certain
+
 
 @renamed(taken_back='retracted')
 @dataclass(frozen=True, repr=False)
@@ -150,7 +152,10 @@ class Diagnosis(Shown, Saved):
         models = [(' + '.join(one.effects) or 'nominal', f'{one.train:.3g}', f'{one.held_out:.3g}') for one in self.stages]
         missing = {'nothing': self.posterior.none, 'something unlisted': self.posterior.unlisted, **self.posterior.effects}
         errors = text_table(('normalized RMSE', 'fitted', 'held out'), models)
-        said = [(name, '> 0.999' if p > 0.999 else '< 0.001' if p < 0.001 else f'{p:.3f}') for name, p in missing.items()]
+        said = [
+            (name, f'> {1.0 - TINY}' if p > 1.0 - TINY else f'< {TINY}' if p < TINY else f'{p:.3f}')
+            for name, p in missing.items()
+        ]
         odds = text_table(('missing', 'probability'), said)
         return '\n\n'.join([super().summary(), errors, odds])
 

@@ -14,6 +14,7 @@ from sma_sim.model.effects.meaning import acts_on
 from sma_sim.model.errors import UserError
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.structures.discovery import known_structures
+from sma_sim.solver.end_of_run import warn_of_idle_effects
 
 
 @dataclass(frozen=True)
@@ -63,8 +64,10 @@ def check_systems(dataset: Dataset, config: Config) -> None:
 
 
 def check_data(dataset: Dataset, config: Config) -> None:
-    """As `check_systems`, and for numbers that cannot be in SI units: what all that takes recordings begins with."""
+    """As `check_systems`, and for numbers that cannot be in SI units: what all that takes recordings begins with. Warns of
+    effects that are left out."""
     check_systems(dataset, config)
+    warn_of_idle_effects(config, stacklevel=5)
     for recording in dataset.recordings:
         if words := recording.unit_mismatch():
             raise UserError(words)
