@@ -108,9 +108,13 @@ EFFECTS = ('smooth_transformation', 'functional_fatigue')
 
 
 def fatiguing_wire(folder, rows, noise, seed, fatigue=FATIGUE):
-    """A wire that fatigues, 12 cycles of so many rows each way in one file whose thermometer has a noise [K]; time was not
-    noted."""
+    """A wire that fatigues."""
     effects = [EFFECTS[0], f'{EFFECTS[1]}:' + ','.join(f'{k}={v}' for k, v in fatigue.items())]
+    return cycled_wire(folder, effects, rows, noise, seed)
+
+
+def cycled_wire(folder, effects, rows, noise, seed):
+    """A wire, 12 cycles of so many rows each way in one file whose thermometer has a noise [K]; time was not noted."""
     truth = read_config(words=[*BENCH, 'wire.T0=385', 'wire.sigma_MW0=2e8'], effects=effects)
     random = np.random.default_rng(seed)
     down = np.linspace(560.0, 310.0, rows)
@@ -151,6 +155,19 @@ def test_rows_of_few_are_as_uncertain_as_they_are_steep(tmp_path):
     part = (strain - strain.min()) / np.ptp(strain)
     steep = (part > 0.3) & (part < 0.7)
     assert root_mean_square(residuals[steep]) < 2.0 and root_mean_square(residuals[~steep]) < 1.0
+
+
+@pytest.mark.parametrize('seed', [1, 2, 3])
+@pytest.mark.parametrize('spread', [1e7, 3e7])
+def test_rows_of_a_narrow_branch_are_as_uncertain_as_the_thermometer_leaves_them(tmp_path, seed, spread):
+    """Grains of a polycrystal that transform within about as few kelvin as the rows are apart: a row before the
+    branch may lie on it."""
+    truth, dataset = cycled_wire(tmp_path, [f'polycrystal:spread={spread}'], 80, 1.0, seed)
+    (recording,) = dataset.recordings
+    (residuals,) = weighted_residuals(truth, fit_data(recording, dataset.noise_std), Nuisance(unknown_zero=True))
+    std = recording.sample_std['strain']
+    assert np.abs(residuals).max() < 6.0
+    assert 0.5 < root_mean_square(residuals[std > 2.0 * std.min()]) < 1.3
 
 
 @pytest.mark.parametrize('seed', [11, 12])

@@ -16,6 +16,8 @@ GRID = 200  # temperatures to which one way is interpolated
 SMOOTHED = 0.02  # part of the temperatures over which the slope is taken
 ACCURACY = 0.5  # [K] to which a thermocouple on a specimen, and its gradients, let its temperature be known
 TURNED = 0.3  # of what a temperature spans, by which it has gone back where it has turned: less is a hold, or an inner loop
+TURNED_STDS = 5.0  # of noise, by which a temperature that has gone back has turned
+NODES = 9  # of Gauss and Hermite's rule over the noise
 WHOLE = 0.5  # of what a temperature spans, on a way that may belong to a cycle
 FIRST_CYCLES = 32  # of many that repeat, which a search takes: a wire learns in the first, and all take the same time
 REPEATED = 0.95  # of what a drive spans, beyond which cycles only repeat what it has reached
@@ -51,11 +53,13 @@ def whole_cycles(T: Vector) -> list[tuple[slice, slice]]:
     return found
 
 
-def turning_rows(T: Vector) -> list[int]:
-    """The first row, those at which `T` (k,) turns and goes back by TURNED of its span at least, and the last row."""
+def turning_rows(T: Vector, back: float | None = None) -> list[int]:
+    """The first row, those at which `T` (k,) turns and goes `back` by so much (TURNED of its span) at least, and the last
+    row."""
     if not len(T):
         return []
-    back, rows, extreme, sign = TURNED * float(np.ptp(T)), [0], 0, 0.0
+    back = TURNED * float(np.ptp(T)) if back is None else back
+    rows, extreme, sign = [0], 0, 0.0
     for row, value in enumerate(T.tolist()):
         beyond = value - T[extreme]
         if sign * beyond > 0.0 or (sign == 0.0 and abs(beyond) >= back > 0.0):
@@ -110,18 +114,37 @@ def smoothed_way(T: Vector, values: Vector) -> tuple[Vector, Vector, Vector]:
     return grid, smooth, np.gradient(smooth, grid)
 
 
-def temperature_error(recording: Recording) -> float:
-    """How well [K] the temperature of a specimen is known: as thermocouples let it, or worse, by the noise that is left."""
-    return max(ACCURACY, recording.imposed_std.get('T_K', 0.0))
+def temperatures_at_samples(recording: Recording, known: NDArray[np.intp]) -> Vector:
+    """The imposed temperature [K] at some samples of a recording."""
+    source, drive = recording.source, known_structures()[recording.system].imposed_temperature
+    T: Vector = np.interp(recording.time[known], source.times, np.asarray(source.values, float)[:, drive])
+    return T
 
 
 def slopes_over_temperature(recording: Recording, channel: str) -> Vector:
     """How steep a channel is over the imposed temperature at its samples (k,), per K; NaN outside whole cycles."""
     values = np.asarray(recording.channels[channel], float)
     known, slopes = np.flatnonzero(np.isfinite(values)), np.full(len(values), np.nan)
-    source, drive = recording.source, known_structures()[recording.system].imposed_temperature
-    T = np.interp(recording.time[known], source.times, np.asarray(source.values, float)[:, drive])
+    T = temperatures_at_samples(recording, known)
     for way in (way for cycle in whole_cycles(T) for way in cycle) if len(known) > GRID // 10 else ():
         grid, _, slope = smoothed_way(T[way], values[known[way]])
         slopes[known[way]] = np.abs(np.interp(T[way], grid, slope))
     return slopes
+
+
+def noise_over_temperature(recording: Recording, channel: str, std: float) -> Vector:
+    """The standard deviation (k,) that noise of `std` [K] on the imposed temperature makes of a channel at its samples.
+
+    That of the line through the samples of each way, over temperatures that the noise makes of one: a slope at the sample is
+    none where it lies before the corner of a plateau, and a smoothed one is less than that of a steep branch.
+    """
+    values = np.asarray(recording.channels[channel], float)
+    known, found = np.flatnonzero(np.isfinite(values)), np.zeros(len(values))
+    T, (nodes, weights) = temperatures_at_samples(recording, known), np.polynomial.hermite_e.hermegauss(NODES)
+    corners = turning_rows(T, TURNED_STDS * std) if std > 0.0 else []
+    for first, last in zip(corners[:-1], corners[1:], strict=True):
+        way = first + np.argsort(T[first : last + 1], kind='stable')
+        shown = np.interp(T[way] + std * nodes[:, None], T[way], values[known[way]])
+        mean = np.average(shown, axis=0, weights=weights)
+        found[known[way]] = np.sqrt(np.average((shown - mean) ** 2, axis=0, weights=weights))
+    return found
