@@ -6,7 +6,8 @@ Each case is a part of a day: a robot with parameters of its own (sma_sim/challe
 minutes under a random command; 20 samples a second with noise, with and without forces. At an instant something begins: a
 fan, natural convection, friction of the plate, the loss of wires of a bundle, a jump of a sensor's zero, gravity, or
 nothing; on other days only the room gets warmer or colder by up to 2 K, which nobody measures. Laws of convection,
-friction and gravity are those of the challenges, which the library does not share. The check looks every 10 s.
+friction and gravity are those of the challenges, which the library does not share. The check looks every 10 s until it says
+a change, and once more a minute later.
 
 With --off 0.03 the check takes each parameter of the robot for another one, by 3 % (standard deviation), as after a fit.
 
@@ -39,7 +40,7 @@ from sma_sim.solver.simulate import simulate
 
 Matrix = NDArray[np.float64]
 DURATION, RATE = 600.0, 20.0
-FOLLOWED = 7  # findings of a change, after which a day is over
+AGAIN = 60.0  # [s] after a change is said for the first time, the check is asked once more, and a day is over
 TRUTHS = {'natural_convection': 'natural_convection', 'friction': 'joint_friction', 'gravity': 'gravity'}
 RIGHT = {
     'fan': {'wire.lambda'},
@@ -137,7 +138,7 @@ def shown(model: Model, run: Any) -> Matrix:
 def watched(
     config: Config, source: Input, times: Matrix, measured: Matrix, predicted: Matrix, noise: Matrix
 ) -> list[LiveFinding]:
-    """What the check finds, every CHECKPOINT seconds."""
+    """What the check finds, every CHECKPOINT seconds until it says a change, and AGAIN later."""
     live = LiveDiagnosis(config, causes_for(config), noise)
     live.start(0, (0.0, config.parameters['environment.T_E']))
     found, before, due = list[LiveFinding](), -1.0, 3.0 * CHECKPOINT
@@ -150,11 +151,11 @@ def watched(
         live.add(ComparedSample(round(1e9 * t), changes, measured[k]), predicted[k], True)
         before = t
         if t >= due:
-            due += CHECKPOINT
-            one = live.evaluate()
+            one, is_said = live.evaluate(), any(other.has_changed for other in found)
             found += [] if one is None else [one]
-            if sum(other.has_changed for other in found) >= FOLLOWED:
+            if is_said:
                 break
+            due += AGAIN if found and found[-1].has_changed else CHECKPOINT
     return found
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-import threading
+from concurrent.futures import Executor, ThreadPoolExecutor
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,7 +23,7 @@ from sma_sim.solver.simulate import new_run, new_work, stall_step
 from sma_sim.solver.work import Work, copy_into
 
 MAX_JUMPS = 1000  # of a wire within one step, which nobody reads
-LEAST_PART = 8  # robots that are worth a thread of their own, whose start takes as long as a step of one
+LEAST_PART = 8  # robots that are worth a thread of their own: to ask it takes as long as a step of three
 
 
 class Batch(NamedTuple):
@@ -121,16 +122,24 @@ class SideBySide:
         b = self._batch
         b.values[:], b.status[:] = inputs, COMPLETED
         limits = Limits(np.inf, MAX_STEPS_PER_STEP, stall_step(self._model))
-        like, threads = self._model.compiled, []
-        for part, (work, log) in zip(np.array_split(which, len(self._of_threads)), self._of_threads, strict=True):
-            arguments = (part, b, self._held, like, work, limits, log)
-            threads.append(threading.Thread(target=self._step, args=arguments))
-        for one in threads[1:]:
-            one.start()
-        threads[0].run()
-        for one in threads[1:]:
-            one.join()
+        own, *others = [
+            partial(self._step, part, b, self._held, self._model.compiled, work, limits, log)
+            for part, (work, log) in zip(np.array_split(which, len(self._of_threads)), self._of_threads, strict=True)
+        ]
+        asked = [threads_of(os.getpid()).submit(one) for one in others]
+        own()
+        for future, one in zip(asked, others, strict=True):
+            if future.cancel():  # the thread has not come to it, where the processor is busy
+                one()
+            else:
+                future.result()
         return np.asarray(b.status != COMPLETED)
+
+
+@lru_cache(1)
+def threads_of(process: int) -> Executor:
+    """Threads beside that of the caller, for all robots of a process: one that was forked has none of its parent's."""
+    return ThreadPoolExecutor(max(1, (os.cpu_count() or 1) - 1))
 
 
 def rows_like(one: NDArray[Any], count: int) -> NDArray[Any]:

@@ -14,6 +14,7 @@ from gymnasium.utils.env_checker import check_env
 import sma_sim.gym
 from sma_sim import UserError
 from sma_sim.gym import Posterior
+from sma_sim.solver.integrate import N_STEPS
 
 ROOT = Path(__file__).resolve().parents[2]
 NAMES = sorted(sma_sim.gym.ENVIRONMENTS)
@@ -60,6 +61,25 @@ def test_an_episode_ends_and_the_next_begins_with_the_step_after():
     observation, reward, _, truncated, _ = many.step(action)
     assert not truncated.any() and (reward == 0.0).all() and (observation[:, 0] < moved).all()
     assert (observation[:, -1] == -1.0).all()  # at rest nothing is heated
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_tolerances_are_those_of_what_is_observed(name):
+    """Positions are right to 1e-3 of half the range, in a few steps of the solver for an action however actions jump.
+
+    At the default of ``solver.rtol`` a module takes some thirty: its plate rings by nanometres, which nobody observes.
+    """
+    actions = np.random.default_rng(6).uniform(-1.0, 1.0, (100, 4, 1)).astype(np.float32)
+    seen, made = [], []
+    for further in ({}, {'rtol': 1e-8}):
+        robots = gymnasium.make_vec(f'sma_sim/{name}-v0', num_envs=4, **further).unwrapped
+        robots.reset(seed=3)
+        seen.append([])
+        for action in actions:
+            seen[-1].append(robots.step(action)[0][:, 0])
+            made.append(robots._robots._robots._batch.counts[:, N_STEPS].mean())
+    assert np.abs(np.subtract(*seen)).max() < 1e-3
+    assert np.mean(made[:100]) < min(5.0, np.mean(made[100:]))
 
 
 @pytest.mark.parametrize('name', NAMES)
