@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal
-from simulated_data import NOISE, command, config, dataset, recording
+from simulated_data import NOISE, command, config, recording
 
 from sma_sim import Dataset, FitOptions, Input, find_effects, read_config
 from sma_sim.challenge.files import recording_columns
@@ -21,12 +21,10 @@ from sma_sim.evidence.estimation.calibrate import problem_for
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import choose_free
-from sma_sim.evidence.estimation.prepared_fit import prepare
 from sma_sim.evidence.estimation.problem import LinearizedRun, normal_equations, start_point
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import candidates_for, with_effect
-from sma_sim.evidence.model_selection.nominal_fit import nominal_fits
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult, change_points
 from sma_sim.evidence.search import beam
 from sma_sim.evidence.search.beam import Book, parents
@@ -591,25 +589,3 @@ def test_where_an_unlisted_law_may_be_behind_the_best_model(names, squares, nomi
     book = Book(CATALOGUE, False)
     book.add([model((), nominal), model(names, squares, unlisted=unlisted)])
     assert beam.may_be_unlisted(book, 2) == expected
-
-
-def test_a_search_of_all_runs_goes_on_from_what_that_of_some_has_found():
-    """With the effect that these show in it, and without what led there."""
-    truth = with_effect(config('hybrid'), find_effects()['gravity'], {'g_y': -9.81, 'g_x': 0.0})
-    both = dataset(truth, (1, 2), noise=1.0, seconds=8.0, rate=4.0, channels=('alpha', 'U_y'))
-    told, options = list[str](), FitOptions(free=('beam.E',), starts=1, kinetics='hybrid')
-    with executor_or_threads(None) as pool:
-        context = SearchContext(pool, Event(), told.append, variants=False, kinetics=('hybrid',))
-
-        def searched(runs, known=()):
-            told.clear()
-            fits = nominal_fits(prepare(replace(both, recordings=runs), config('hybrid'), 'hybrid'), options, context)
-            return beam.search(fits, context, equations=False, most=1, known=known)
-
-        one, alone = searched(both.recordings[:1]), searched(both.recordings)
-        fitted = [line for line in told if line.startswith('fitting')]
-        seeded = searched(both.recordings, posterior_of(one).models[:1])
-    assert 'what the nominal model may lack' not in told
-    assert len([line for line in told if line.startswith('fitting')]) < len(fitted)
-    assert seeded.best.names == alone.best.names == {'gravity'} and len(seeded.best.fit.problem.runs) == 2
-    assert seeded.best.score(1.0) == pytest.approx(alone.best.score(1.0), abs=0.5)

@@ -34,11 +34,11 @@ from sma_sim.evidence.estimation.recording_differences import RecordingDifferenc
 from sma_sim.evidence.estimation.search_context import OnProgress, SearchContext
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fits, report_model
-from sma_sim.evidence.search.beam import PARENTS, search
+from sma_sim.evidence.search.beam import search
 from sma_sim.evidence.search.confounding import Confounding, SimilarEffect, confoundings, most_similar
 from sma_sim.evidence.search.equations import Proposal, has_terms, proposal_of
 from sma_sim.evidence.search.posterior import Posterior, posterior_of
-from sma_sim.evidence.search.refine import Model, on_run_subset, with_all_runs
+from sma_sim.evidence.search.refine import on_run_subset, with_all_runs
 from sma_sim.evidence.search.steps import SelectionStep, path_to, steps_along
 from sma_sim.evidence.set_up.check import faults_after_fit, faults_before_fits, is_uncertain
 from sma_sim.evidence.set_up.faults import Fault, without_faults
@@ -293,15 +293,13 @@ def searched_together(
 ) -> Diagnosis:
     """With the diagnosis of all recordings where those fitted do not tell: one held out may be the only one that cools.
 
-    All recordings are without `faults`. The diagnosis is as it was where it is open what is wrong with them. The search
-    begins with what that of the fitted recordings has found.
+    All recordings are without `faults`. The diagnosis is as it was where it is open what is wrong with them.
     """
     if found.verdict != 'unknown_effect' or is_uncertain(found.set_up) or context.stop.is_set():
         return found
     context.on_progress('the held-out runs are not explained: searching all runs together')
     everything = start.on(pooled(start.dataset, held_out))
-    listed = [model for model in found.posterior.models if not has_terms(model)][:PARENTS]
-    joint = search_effects(everything, None, replace(request, equation=False), context, faults, listed)
+    joint = search_effects(everything, None, replace(request, equation=False), context, faults)
     return found if context.stop.is_set() else replace(found, together=joint)
 
 
@@ -311,11 +309,10 @@ def search_effects(
     request: DiagnosisRequest,
     context: SearchContext,
     faults: tuple[Fault, ...],
-    known: Sequence[Model] = (),
 ) -> Diagnosis:
     """The whole search; its time, and whether it was interrupted, are still open.
 
-    It does not begin where it is not certain what is wrong with the recordings. `known`: models of another search.
+    It does not begin where it is not certain what is wrong with the recordings.
     """
     options, nominal = request.options, nominal_fits(start, request.options, context)
     best = min(nominal, key=lambda fit: fit.cost)
@@ -327,15 +324,12 @@ def search_effects(
         nominal = nominal_fits(start, options, context)
     data = StageData(start.dataset, held_out, options)
     subsets, uncertain = [on_run_subset(fit) for fit in nominal], is_uncertain(faults)
-    if uncertain:
-        book = search(subsets, context, equations=False, most=0)
-    else:
-        book = search(subsets, context, request.equation, known=known)
+    book = search(subsets, context, most=0, equations=False) if uncertain else search(subsets, context, request.equation)
     posterior = posterior_of(book)
     noise = () if uncertain or context.stop.is_set() else noise_after(posterior.best.fit, data, faults, context)
     if noise:
         training, held_out = without_faults(start.dataset, held_out, noise)
-        return search_effects(start.on(training), held_out, request, context, (*faults, *noise), known)
+        return search_effects(start.on(training), held_out, request, context, (*faults, *noise))
     models = path_to(posterior.best, book, context)
     steps, ended = steps_along(models, book, posterior, context), not context.stop.is_set()
     path = [with_all_runs(model, nominal, posterior.overdispersion, context) for model in models]

@@ -24,7 +24,6 @@ from sma_sim.evidence.search.refine import (
     extended,
     in_other_kinetics,
     model_of,
-    on_runs_of,
     settled,
     without,
     without_difference,
@@ -91,31 +90,21 @@ class Book:
         return sorted(chosen, key=lambda model: -model.score(k))
 
 
-def search(
-    nominal: Sequence[FitResult],
-    context: SearchContext,
-    equations: bool = True,
-    most: int = MAX_COMPONENTS,
-    known: Sequence[Model] = (),
-) -> Book:
+def search(nominal: Sequence[FitResult], context: SearchContext, equations: bool = True, most: int = MAX_COMPONENTS) -> Book:
     """The models that explain the recordings, from the nominal one with each of the kinetics to try.
 
     Listed effects and differences between recordings first; then, where these leave something, terms of equations. `most`:
-    components of a model. `known`: models that a search of some of the recordings has found, which is not made again: it
-    goes on with what may stand in place of their components, and what they lack.
+    components of a model.
     """
     book = Book(catalogue_for(nominal[0], context), len(nominal) > 1)
     book.add(model_of((), [fit], context) for fit in nominal)
-    book.add(on_runs_of(nominal, model, context) for model in known)
-    found = len(book.best.components)
-    for size in range(max(found, 1), most + 1):
+    for size in range(1, most + 1):
         before = book.best
-        if size > found:
-            expand_level(size, book, context)
+        expand_level(size, book, context)
         improve(size, book, context)
         if equations and size == EQUATIONS_AFTER and may_be_unlisted(book, size):
             add_equations(bare(book), book, context)
-        if context.stop.is_set() or (size >= EQUATIONS_AFTER and size > found and book.best is before):
+        if context.stop.is_set() or (size >= EQUATIONS_AFTER and book.best is before):
             break
         if book.best.leaves_nothing and len(book.best.components) < size:
             break

@@ -230,7 +230,8 @@ def on_run_subset(fit: FitResult) -> FitResult:
 
 def with_all_runs(model: Model, nominal: Sequence[FitResult], k: float, context: SearchContext) -> FitResult:
     """The fit of a model on all runs, with priors that count as an overdispersion k asks."""
-    fit, start = model.fit, nominal_of(model, nominal)
+    fit = model.fit
+    start = next((one for one in nominal if one.problem.config.simulated_kinetics == model.key[1]), nominal[0])
     problem, z = fit.problem, fit.z
     if len(start.problem.runs) > len(problem.runs):
         problem, z = joined(fit, start)
@@ -239,17 +240,6 @@ def with_all_runs(model: Model, nominal: Sequence[FitResult], k: float, context:
         return fit
     found = refit(problem, z, context)
     return fit if found is None or context.stop.is_set() else found
-
-
-def on_runs_of(nominal: Sequence[FitResult], model: Model, context: SearchContext) -> Model | None:
-    """A model that was found on some of the runs, fitted to all that the nominal fits have."""
-    problem, z = joined(model.fit, nominal_of(model, nominal))
-    return model_of(model.components, [refit(problem, z, context)], context)
-
-
-def nominal_of(model: Model, nominal: Sequence[FitResult]) -> FitResult:
-    """Of the nominal fits, that with the kinetics of a model."""
-    return next((one for one in nominal if one.problem.config.simulated_kinetics == model.key[1]), nominal[0])
 
 
 def joined(fit: FitResult, nominal: FitResult) -> tuple[Problem, Vector]:
