@@ -1,4 +1,4 @@
-"""Compiles what the tests run, once for all workers: solver, tangents and effects side by side."""
+"""Compiles what the tests run, once for all workers, side by side: what several need at a time, each would compile."""
 
 import subprocess
 import sys
@@ -23,16 +23,45 @@ def tangents():
     compile_tangents()
 
 
-def effects():
-    """The library."""
-    from sma_sim import find_effects
+def control():
+    """What predictive controllers run, and environments, which step robots side by side."""
+    import numpy as np
+
+    from sma_sim import Config, Model
+    from sma_sim.solver.fixed_rate import FixedRateRun
+    from sma_sim.solver.prediction import Prediction
+    from sma_sim.solver.side_by_side import SideBySide
+
+    model, inputs = Model(Config()), np.array([1.0, 298.0])
+    run = FixedRateRun(model, 50.0, inputs)
+    prediction = Prediction(model, (0.0, 0.1), (0.1,), 1e-4)
+    prediction.with_derivatives(run.time, run.run, inputs[:1], np.ones(2), 298.0)
+    robots = SideBySide(model, 50.0, 1)
+    robots.put(0, model, inputs)
+    robots.step(inputs[None], np.array([0]))
+
+
+def observers():
+    """What estimates the state of a robot."""
+    from sma_sim import Config
+    from sma_sim.observer import Observer
+
+    Observer(Config())
+
+
+def library():
+    """Effects and structures."""
+    from sma_sim import find_effects, find_structures
     from sma_sim.compiler.effect_kernels import native_effect
+    from sma_sim.compiler.structure_kernels import native_structure
 
-    for found in find_effects().values():
-        native_effect(found)
+    for effect in find_effects().values():
+        native_effect(effect)
+    for structure in find_structures().values():
+        native_structure(structure)
 
 
-PARTS = {'solver': solver, 'tangents': tangents, 'effects': effects}
+PARTS = {'stepping': (solver, control), 'derivatives': (tangents, observers), 'library': (library,)}
 
 
 def prewarm():
@@ -42,4 +71,8 @@ def prewarm():
 
 
 if __name__ == '__main__':
-    PARTS[sys.argv[1]]() if len(sys.argv) > 1 else prewarm()
+    if len(sys.argv) > 1:
+        for compile_part in PARTS[sys.argv[1]]:
+            compile_part()
+    else:
+        prewarm()
