@@ -113,12 +113,12 @@ def fatiguing_wire(folder, rows, noise, seed, fatigue=FATIGUE):
     return cycled_wire(folder, effects, rows, noise, seed)
 
 
-def cycled_wire(folder, effects, rows, noise, seed):
-    """A wire, 12 cycles of so many rows each way in one file whose thermometer has a noise [K]; time was not noted."""
+def cycled_wire(folder, effects, rows, noise, seed, count=COUNT):
+    """A wire, cycles of so many rows each way in one file whose thermometer has a noise [K]; time was not noted."""
     truth = read_config(words=[*BENCH, 'wire.T0=385', 'wire.sigma_MW0=2e8'], effects=effects)
     random = np.random.default_rng(seed)
     down = np.linspace(560.0, 310.0, rows)
-    T = np.concatenate([np.concatenate([down, down[::-1]]) for _ in range(COUNT)])
+    T = np.concatenate([np.concatenate([down, down[::-1]]) for _ in range(count)])
     times = np.concatenate([[0.0], np.cumsum(np.maximum(np.abs(np.diff(T)) / 0.5, 1e-3))])
     values = np.column_stack([np.full(len(T), 2e8), T, 0.0 * T, np.full(len(T), 298.0)])
     structure = truth.structure.structure
@@ -168,6 +168,16 @@ def test_rows_of_a_narrow_branch_are_as_uncertain_as_the_thermometer_leaves_them
     std = recording.sample_std['strain']
     assert np.abs(residuals).max() < 6.0
     assert 0.5 < root_mean_square(residuals[std > 2.0 * std.min()]) < 1.3
+
+
+@pytest.mark.parametrize('spread', [2e7, 6e7, 1.2e8])
+def test_rows_of_one_cycle_are_no_more_certain_than_thermocouples_where_they_are_steep(tmp_path, spread):
+    """Too few rows go back to tell the noise of the thermometer, 1 K."""
+    truth, dataset = cycled_wire(tmp_path, [f'polycrystal:spread={spread}'], 66, 1.0, 5, count=1)
+    (recording,) = dataset.recordings
+    assert 'T_K' not in recording.imposed_std
+    (residuals,) = weighted_residuals(truth, fit_data(recording, dataset.noise_std), Nuisance(unknown_zero=True))
+    assert np.abs(residuals).max() < 6.0
 
 
 @pytest.mark.parametrize('seed', [11, 12])

@@ -116,11 +116,11 @@ def test_the_temperature_of_a_specimen_adds_to_the_noise_of_rows(tmp_path):
     for entry in ('e', '{column: e, std: e_std}', '{column: e, std: e_std, relative_std: 0.01}'):
         (tmp_path / 'map.yaml').write_text(f'system: wire\nstress_Pa: {{value: 2.0e+8}}\nstrain: {entry}\n')
         (one,) = read_dataset([tmp_path / 'one.csv'], 'wire_under_load_at_T', 298.0, tmp_path / 'map.yaml').recordings
-        found.append(one.sample_std.get('strain'))
-    none, of_rows, relative = found
+        found.append(one.sample_std['strain'])
+    of_all, of_rows, relative = found
     slope = 0.04 / 3.0 / 4.0  # [1/K] at the steepest
     added = of_rows[T < 400.0].min()
-    assert none is None and 0.1 < added / (0.5 * slope) < 0.7
+    assert of_all == pytest.approx(added, rel=1e-3) and 0.1 < added / (0.5 * slope) < 0.7
     assert of_rows[T > 400.0] == pytest.approx(np.hypot(3e-4, added), rel=1e-3)
     assert relative == pytest.approx(np.hypot(of_rows, 0.01 * np.abs(strain)), rel=1e-3)
 

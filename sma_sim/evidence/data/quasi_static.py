@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.evidence.data.noise import difference_scale
 from sma_sim.evidence.data.recording import Recording
 from sma_sim.model.arrays import Vector
 from sma_sim.model.structures.discovery import known_structures
@@ -112,6 +113,17 @@ def smoothed_way(T: Vector, values: Vector) -> tuple[Vector, Vector, Vector]:
     at = np.pad(np.interp(grid, T[order], values[order]), width, mode='edge')
     smooth = np.convolve(at, np.ones(2 * width + 1) / (2 * width + 1), 'valid')
     return grid, smooth, np.gradient(smooth, grid)
+
+
+def temperature_noise(recording: Recording) -> float:
+    """What the imposed temperature may be off by in each row anew [K]: the noise that is left in it, if that is known.
+
+    Else as thermocouples let it, but no more than third differences leave: they see all noise, and steps that differ.
+    """
+    drive = known_structures()[recording.system].imposed_temperature
+    T = np.asarray(recording.source.values, float)[:, drive]
+    most = difference_scale(np.arange(float(len(T))), T) or 0.0
+    return recording.imposed_std.get('T_K', min(ACCURACY, most))
 
 
 def temperatures_at_samples(recording: Recording, known: NDArray[np.intp]) -> Vector:

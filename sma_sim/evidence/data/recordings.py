@@ -15,7 +15,7 @@ from sma_sim.evidence.data.assemble import NothingMeasuredError, SourceFile, rec
 from sma_sim.evidence.data.column_map import ColumnMap, read_column_map
 from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.data.noise import Noise, noise_by_channel
-from sma_sim.evidence.data.quasi_static import ACCURACY, noise_over_temperature, slopes_over_temperature
+from sma_sim.evidence.data.quasi_static import ACCURACY, noise_over_temperature, slopes_over_temperature, temperature_noise
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, CHANNELS_OF, Dataset, Recording, in_order
 from sma_sim.evidence.data.repeatability import levels_of_noise, with_bench
 from sma_sim.evidence.data.repeated_values import without_constant_channels, without_repeated_values
@@ -281,8 +281,8 @@ def with_temperature_error(
     """The recordings and the `noise` of a channel of quasi-static tests, with what the temperature of a specimen, known so
     well, adds to it, or to that of each row. A noise that is `stated` for all rows stays as it is.
 
-    To ACCURACY it counts as its root mean square. The noise of a thermometer counts as what it does to each row: it comes
-    anew in every cycle, and must not pass for an effect.
+    To ACCURACY it counts as its root mean square: such an error may last. The noise of a thermometer counts as what it does
+    to each row: it comes anew in every cycle, and must not pass for an effect.
     """
     tests = [
         one
@@ -299,19 +299,17 @@ def with_temperature_error(
     if not squares:
         return recordings, noise
     usual, found = ACCURACY * sqrt(float(np.mean(squares))), dict[str, Recording]()
-    for one in tests:
-        std = one.imposed_std.get('T_K', 0.0)
-        if channel in one.sample_std or std:
-            own = np.broadcast_to(one.sample_std.get(channel, noise), one.time.shape)
-            left = noise_over_temperature(one, channel, std)
-            rows = np.sqrt(np.where(np.isnan(own), noise, own) ** 2 + usual**2 + left**2)
-            found[one.name] = replace(one, sample_std={**one.sample_std, channel: rows})
-    noise = hypot(noise, usual)
-    level = levels_of_noise(tuple(found.values()), {}).get(channel, noise)
-    known = hypot(ACCURACY, sqrt(float(np.mean([one.imposed_std.get('T_K', 0.0) ** 2 for one in tests]))))
+    stds = [temperature_noise(one) for one in tests]
+    for one, std in zip(tests, stds, strict=True):
+        own = np.broadcast_to(one.sample_std.get(channel, noise), one.time.shape)
+        left = noise_over_temperature(one, channel, std)
+        rows = np.sqrt(np.where(np.isnan(own), noise, own) ** 2 + usual**2 + left**2)
+        found[one.name] = replace(one, sample_std={**one.sample_std, channel: rows})
+    level = levels_of_noise(tuple(found.values()), {})[channel]
+    known = hypot(ACCURACY, sqrt(float(np.mean(np.square(stds)))))
     words = f'noise of {channel}: {in_display_unit(channel, level)} with a temperature of the specimen that is known to'
     notes.append(f'{words} {known:.2g} K')
-    return tuple(found.get(one.name, one) for one in recordings), noise
+    return tuple(found.get(one.name, one) for one in recordings), hypot(noise, usual)
 
 
 def value_range(values: Vector) -> float:
