@@ -28,6 +28,7 @@ from sma_sim.model.effects.ports import (
     TRANSFORMATION_STRESS,
     WIRE_FORCE,
     WIRE_HEAT,
+    EffectTable,
     call_effect,
     call_kernel,
 )
@@ -115,7 +116,7 @@ def update_flow(t: float, state: SystemState, point: InputPoint, p: System, foun
         share_rates(y, p, dy)
     if p.coordinates > 0:
         motion(y, point.u, p, dy, obs)
-    if e.port_start[SENSING + 1] > e.port_start[SENSING]:
+    if sensors_remember(e):
         sensing_rates(y, p, dy, obs)
 
 
@@ -313,6 +314,14 @@ def sensed_channel(channel: int, y: Vector, p: System, obs: Vector, dy: Vector) 
             call_effect(e.value[k], k, e.slot[k, channel], y, e)
             value = e.out[0]
     return value
+
+
+def sensors_remember(e: EffectTable) -> bool:
+    """Whether any effect on sensors has states: the rates of all other ones are none of the flow."""
+    for k in range(e.port_start[SENSING], e.port_start[SENSING + 1]):
+        if e.states[k] > 0:
+            return True
+    return False
 
 
 def sensing_rates(y: Vector, p: System, dy: Vector, obs: Vector) -> None:

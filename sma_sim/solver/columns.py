@@ -12,7 +12,7 @@ from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.errors import UserError
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.structures.structure import WIRE_STATES, Structure
-from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS
+from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS, Run
 
 STATE_COLUMNS = tuple(name for name, _ in WIRE_STATES)
 
@@ -52,6 +52,13 @@ def sampled_numbers(channels: Sequence[str] | None, structure: Structure) -> NDA
         return np.array([known.index(name) for name in channels], dtype=np.int64)
     last = len(known) + wires * (len(STATE_COLUMNS) if structure.imposed_temperature >= 0 else STATE_COLUMNS.index('T'))
     return np.arange(last, dtype=np.int64)
+
+
+def state_numbers(structure: Structure, run: Run) -> NDArray[np.int64]:
+    """Numbers of the whole state of a run: its y, then the modes, then the frozen fractions."""
+    y, mode, x_frozen = run.state
+    first = len(structure.channels) + structure.wires * len(STATE_COLUMNS)
+    return np.arange(first, first + len(y) + len(mode) + len(x_frozen), dtype=np.int64)
 
 
 def new_samples(count: int, numbers: NDArray[np.int64], structure: Structure) -> Matrix:

@@ -461,6 +461,22 @@ def stretch(k: int, stretches: InputStretches) -> Segment:
     return Segment(times[k], times[k + 1], values[k], slopes[k], moving)
 
 
+def sample_again(stretches: InputStretches, states: Matrix, state: SystemState, p: System, w: Work, log: Log) -> None:
+    """The samples of a run from its `states` at their times (k, n + 2 wires), as `solver.sampling.state_number` tells them;
+    `state` becomes the last of them."""
+    n, needed, row = state.y.shape[0], needed_for(log.numbers, p), 0
+    for k in range(log.times.shape[0]):
+        while row < stretches.times.shape[0] - 1 and log.times[k] >= stretches.times[row + 1]:
+            row += 1
+        for j in range(n):
+            state.y[j] = states[k, j]
+        for i in range(p.wires):
+            state.mode[i], state.x_frozen[i] = int(states[k, n + i]), states[k, n + p.wires + i]
+        t, u, du = stretches.times[row], stretches.values[row], stretches.slopes[row]
+        write_sample(k, state, Segment(t, t, u, du, False), p, w, log, needed)
+    log.written[0] = log.times.shape[0]
+
+
 def integrate(stretches: InputStretches, run: Run, p: System, w: Work, limits: Limits, log: Log) -> int:
     """Run over all stretches of the input; the reason for the end."""
     times, values, slopes = stretches.times, stretches.values, stretches.slopes

@@ -61,7 +61,8 @@ class Model:
     @property
     def uses_time(self) -> bool:
         """Whether the flow depends on time other than through the input."""
-        return any(uses_time(active.found.effect) for active in self.config.effects)
+        acting = (active.found.effect for active in self.config.effects if not active.found.effect.only_shows)
+        return any(uses_time(effect) for effect in acting)
 
     @cached_property
     def constants(self) -> Constants:

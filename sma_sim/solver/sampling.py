@@ -69,10 +69,25 @@ def sample_numbers(
             row[k] = true_channel(number, state.y, p, w.sample.obs)
 
 
+def state_number(number: int, state: SystemState) -> float:
+    """A number of the state: of its y, then the modes, then the frozen fractions."""
+    value: float
+    n, wires = state.y.shape[0], state.mode.shape[0]
+    if number < n:
+        value = state.y[number]
+    elif number < n + wires:
+        value = state.mode[number - n]
+    else:
+        value = state.x_frozen[number - n - wires]
+    return value
+
+
 def wire_number(number: int, state: SystemState, p: System, obs: Matrix) -> float:
-    """x_M, mode and T of the wires, numbered in this order, wire by wire."""
+    """x_M, mode and T of the wires, numbered in this order, wire by wire, then the state as it is: y, modes, x_frozen."""
     value: float
     i = number - p.wires
+    if i >= 2 * p.wires:
+        return state_number(i - 2 * p.wires, state)
     if i < 0:
         value = obs[number, O_X]
         return value

@@ -27,7 +27,7 @@ from sma_sim.model.program_parameters import DEFAULTS
 from sma_sim.model.progress import progress_line
 from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.clock import held_until, seen_at
-from sma_sim.solver.columns import are_channels, named_columns, new_samples, sampled_numbers
+from sma_sim.solver.columns import are_channels, named_columns, new_samples, sampled_numbers, state_numbers
 from sma_sim.solver.effect_table import own_scratch
 from sma_sim.solver.end_of_run import melting_note, notes_on_commands, notes_on_start, stop_reason, warn_of_idle_effects
 from sma_sim.solver.equilibrium import start
@@ -49,6 +49,7 @@ from sma_sim.solver.integrate import (
     Log,
     Run,
     integrate,
+    sample_again,
 )
 from sma_sim.solver.model import Model, new_findings
 from sma_sim.solver.series import elimination_of
@@ -264,19 +265,39 @@ def sampled_channels(
     which it ends, and `work` is scratch memory; `lines` take the place of the source (`smoothed_command`). Raises
     SimulationError where the run does not come to its end.
     """
-    seen, compiled = seen_at(model, times, float(source.times[0])), model.compiled
+    return channels_of_all([model], source, times, channels, max_steps, begin, work, lines)[0]
+
+
+def channels_of_all(
+    models: Sequence[Model],
+    source: Input,
+    times: Vector,
+    channels: Sequence[str],
+    max_steps: int,
+    begin: Run,
+    work: Work,
+    lines: Stretches | None = None,
+) -> list[Matrix]:
+    """As `sampled_channels`, of models that differ in effects which only show (`Effect.only_shows`): one run, that of the
+    first, serves all. No sensor of theirs has states."""
+    model, numbers, antagonistic = models[0], sampled_numbers(channels, models[0].structure), lines is None
+    seen = seen_at(model, times, float(source.times[0]))
     if lines is None:
         stretches = InputStretches(*held_until(segments(source), seen), model.uses_time)
     else:
-        stretches, compiled = under_lines(lines), compiled._replace(antagonistic=False)
-        work = work._replace(u=np.zeros(lines.values.shape[1]))
-    log = new_log(model, seen, sampled_numbers(channels, model.structure))
+        stretches, work = under_lines(lines), work._replace(u=np.zeros(lines.values.shape[1]))
+    systems = [own_scratch(one.compiled._replace(antagonistic=antagonistic and one.compiled.antagonistic)) for one in models]
+    log = new_log(model, seen, numbers if len(models) == 1 else np.append(numbers, state_numbers(model.structure, begin)))
     limits = Limits(np.inf, max_steps, stall_step(model))
-    status = package_compiler().function(integrate)(stretches, begin, own_scratch(compiled), work, limits, log)
+    status = package_compiler().function(integrate)(stretches, begin, systems[0], work, limits, log)
     if status != COMPLETED:
         end = times[: int(log.written[0])][-1:].sum()
         raise SimulationError(f'the run ended after {end:g} s: {stop_reason(status, model, begin)}')
-    return log.samples
+    found, states = [np.ascontiguousarray(part) for part in np.split(log.samples, [len(numbers)], axis=1)]
+    others = [new_log(model, seen, numbers) for _ in models[1:]]
+    for system, other in zip(systems[1:], others, strict=True):
+        package_compiler().function(sample_again)(stretches, states, begin.state, system, work, other)
+    return [found, *(other.samples for other in others)]
 
 
 def new_log(model: Model, times: Vector, numbers: NDArray[np.int64]) -> Log:

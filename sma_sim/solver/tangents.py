@@ -20,7 +20,7 @@ from sma_sim.compiler.pinned_systems import record_at
 from sma_sim.model.arrays import Matrix
 from sma_sim.model.automaton import INNER
 from sma_sim.model.layout import O_DX, O_X, Evaluation, System, SystemState
-from sma_sim.model.system import EVERYTHING, guard, sensed_channel, update_flow
+from sma_sim.model.system import EVERYTHING, guard, update_flow
 from sma_sim.solver.events import EDGE_TABLE, remember_fraction, violated_edge
 from sma_sim.solver.integrate import (
     C_H,
@@ -35,6 +35,7 @@ from sma_sim.solver.integrate import (
     next_step,
     stretch,
 )
+from sma_sim.solver.sampling import needed_for, sample_numbers
 from sma_sim.solver.stepper import (
     GAMMA,
     NODES,
@@ -249,6 +250,7 @@ def sample_step(made: PartOfStep, state: SystemState, segment: Segment, p: Syste
             for j in range(a.s.shape[1]):
                 a.dense[m, i, j] = 0.0
         add_combination(1.0, H, m, STAGES - 1, a.stages, a.dense[m])
+    needed = needed_for(a.numbers, p)
     while k < log.times.shape[0] and log.times[k] < made.end:
         theta = (log.times[k] - step.t) / step.h
         for c in range(a.slopes.shape[1]):
@@ -256,11 +258,9 @@ def sample_step(made: PartOfStep, state: SystemState, segment: Segment, p: Syste
         for sign in (-1.0, 1.0, 0.0):
             dense(theta + sign * SLOPE_STEP, state.y, w)
             t = log.times[k] + sign * SLOPE_STEP * step.h
-            flow_at(t, with_smooth(w.y_dense, state), segment, p, w, w.sample)
+            sample_numbers(t, with_smooth(w.y_dense, state), segment, p, w, a.numbers, needed, log.samples[k])
             for c in range(a.slopes.shape[1]):
-                value = sensed_channel(a.numbers[c], w.y_dense, p, w.sample.obs, w.sample.dy)
-                a.slopes[k, c] += 0.5 * sign * value / (SLOPE_STEP * step.h)
-                log.samples[k, c] = value
+                a.slopes[k, c] += 0.5 * sign * log.samples[k, c] / (SLOPE_STEP * step.h)
         sample_row(k, theta / made.part, a)
         for c in range(a.slopes.shape[1]):
             if a.timed[c] != 0:

@@ -12,7 +12,8 @@ import pytest
 from systems import active
 
 from sma_sim import Config, Dataset, Input, Recording, module_input, wire_input
-from sma_sim.evidence.estimation import executors, homogeneity
+from sma_sim.evidence.estimation import executors, homogeneity, residuals
+from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.evidence.estimation.free_parameters import choose_free, free_parameter
 from sma_sim.evidence.estimation.held_out_prediction import INITIAL_GUESSES, mean_error, pooled_error
 from sma_sim.evidence.estimation.injection_points import STIFFNESS, ports_of, small_force
@@ -21,19 +22,23 @@ from sma_sim.evidence.estimation.levenberg_marquardt import bounded_step
 from sma_sim.evidence.estimation.problem import (
     HUBER_CORNER,
     START,
+    EvaluationTask,
     LinearizedRun,
     NormalEquations,
     accumulated,
+    evaluate,
     normal_equations,
     robust_cost,
     robust_weights,
 )
 from sma_sim.evidence.estimation.residuals import (
     SOLVER_NOISE,
+    Nuisance,
     error_over_noise,
     fit_data,
     sampled_changes,
     step_limit,
+    weighted_residuals,
     with_switches,
     without_repeats,
 )
@@ -115,6 +120,24 @@ def test_longer_runs_may_take_more_steps_and_chosen_models_more_again():
     slow = module_input([0.0, 1.0, 5002.0], [0.0, 1.0, 1.0])
     assert step_limit(slow, True, samples=5000) == step_limit(slow, True) == step_limit(short, True) + 20 * 5000
     assert step_limit(slow, True, samples=80) == step_limit(short, True) + 20 * 158  # one sample each minute
+
+
+@pytest.mark.parametrize('others, runs', [((), 3), (('sensor_lag',), 5)])
+def test_points_that_differ_in_what_sensors_show_share_a_run(others, runs, monkeypatch):
+    given, made = fit_data(recording(), {'alpha': 1e-3}), list[int]()
+    base = Config(effects=[active(name) for name in others])
+    sensed = [active('sensor_bias', alpha=0.01), active('sensor_drift', alpha=0.02), active('gravity', g_y=-9.81)]
+    configs = [base, *(replace(base, effects=(*base.effects, one)) for one in sensed), base.variant({'wire.c_V': 500.0})]
+    alone = [weighted_residuals(config, given) for config in configs]
+    run_all = residuals.channels_of_all
+    monkeypatch.setattr(
+        residuals, 'channels_of_all', lambda models, *more: made.append(len(models)) or run_all(models, *more)
+    )
+    together = evaluate(EvaluationTask(given, tuple((PickledConfig(config), Nuisance()) for config in configs)))
+    assert len(made) == runs and sum(made) == len(configs)
+    for one, other in zip(together, alone, strict=True):
+        assert np.array_equal(one, other)
+    assert np.abs(alone[1] - alone[0]).max() > 1.0
 
 
 def test_workers_of_an_executor(monkeypatch):

@@ -8,6 +8,8 @@ from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.model.effects.ports import CHANNELS
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import package_structures
+from sma_sim.solver.inputs import Input
+from sma_sim.solver.simulate import channels_of_all, new_run, new_work, sampled_channels
 
 STRUCTURES = [package_structures()[name].structure for name in ('module', 'wire')]
 COLUMN = {
@@ -66,6 +68,40 @@ def test_channels_are_those_of_whole_samples(name, system, kinetics):
 def test_channels_with_effects_on_several_ports(kinetics):
     assert_same_channels('module', kinetics, ('gravity', 'natural_convection', 'thermal_expansion', 'sensor_lag'))
     assert_same_channels('module', kinetics, ('driver_lag', 'guide_friction'))
+
+
+SHOWING = ('sensor_bias', 'sensor_crosstalk', 'sensor_drift', 'sensor_gain', 'sensor_jump', 'sensor_misalignment')
+LINES = Input(COMMAND.times, COMMAND.values, (True, True), COMMAND.names)
+ROWS = module_input(np.arange(0.0, 8.0, 0.05), 8.0 * np.sin(np.arange(0.0, 8.0, 0.05)))
+
+
+@pytest.mark.parametrize('kinetics', ['hybrid', 'mas'])
+@pytest.mark.parametrize('source', [COMMAND, LINES, ROWS], ids=['held', 'lines', 'rows'])
+@pytest.mark.parametrize('acting', [(), ('gravity', 'driver_lag'), ('smooth_transformation',)], ids=len)
+def test_models_that_differ_in_what_sensors_show_share_a_run(acting, source, kinetics):
+    names = [name for name, found in EFFECTS.items() if found.effect.only_shows]
+    assert sorted(names) == sorted(SHOWING)
+    models = [model_with('module', kinetics, acting), *(model_with('module', kinetics, (*acting, one)) for one in names)]
+    arguments = (source, TIMES, models[0].structure.channels[:5], 100_000)
+    together = channels_of_all(models, *arguments, *begin_of(models[0], source))
+    alone = [sampled_channels(model, *arguments, *begin_of(model, source)) for model in models]
+    for one, other in zip(together, alone, strict=True):
+        assert np.array_equal(one, other)
+    assert not any(np.array_equal(alone[0], other) for other in alone[1:])
+
+
+def begin_of(model, source):
+    """Where a run begins, and its scratch memory."""
+    work = new_work(model)
+    return new_run(model, source.values[0], work), work
+
+
+@pytest.mark.parametrize('kinetics', ['hybrid', 'mas'])
+def test_what_sensors_only_show_changes_no_run(kinetics):
+    model, shown = model_with('module', kinetics, ()), model_with('module', kinetics, ('sensor_drift', 'sensor_jump'))
+    one, other = simulate(model, ROWS, TIMES[:-1]), simulate(shown, ROWS, TIMES[:-1])
+    assert not shown.uses_time and model_with('module', kinetics, ('clamp_slip',)).uses_time
+    assert one.steps == other.steps and np.array_equal(one['T_1_K'], other['T_1_K'])
 
 
 def test_a_channel_of_the_other_system_is_refused():

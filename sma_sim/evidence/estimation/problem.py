@@ -6,10 +6,12 @@ arrives. The prior, one in every coordinate, keeps them well conditioned.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Hashable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 from math import isnan, nan
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +19,11 @@ from numpy.typing import NDArray
 from sma_sim.evidence.estimation.executors import PickledConfig, in_turn, workers_of
 from sma_sim.evidence.estimation.free_parameters import FreeParameter
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
-from sma_sim.evidence.estimation.residuals import FitData, Nuisance, weighted_residuals
+from sma_sim.evidence.estimation.residuals import FitData, Nuisance, residuals_of_all
 from sma_sim.evidence.estimation.run_tangents import TangentTask, linearized_by_tangents, tangents_apply
 from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import Config
+from sma_sim.model.effects.ports import PORT_NAMES, SENSING
 from sma_sim.solver.sensitivities import DELTA
 from sma_sim.solver.simulate import SimulationError
 
@@ -155,15 +158,30 @@ class EvaluationTask:
 
 
 def evaluate(task: EvaluationTask) -> list[Matrix | None]:
-    """Weighted residuals (channels, k) at each point; None where the model cannot be run."""
-    found: list[Matrix | None] = []
-    for pickled, nuisance in task.points:
+    """Weighted residuals (channels, k) at each point; None where the model cannot be run.
+
+    Points that differ in what sensors show alone share a run.
+    """
+    alike = defaultdict[Any, list[int]](list)
+    for k, (pickled, nuisance) in enumerate(task.points):
+        alike[what_runs(pickled.config), nuisance].append(k)
+    found: list[Matrix | None] = [None] * len(task.points)
+    for (_, nuisance), points in alike.items():
         try:
-            residuals = weighted_residuals(pickled.model(task.run.bench), task.run, nuisance)
-            found.append(residuals if np.isfinite(residuals).all() else None)
+            models = [task.points[k][0].model(task.run.bench) for k in points]
+            for k, residuals in zip(points, residuals_of_all(models, task.run, nuisance), strict=True):
+                found[k] = residuals if np.isfinite(residuals).all() else None
         except SimulationError:
-            found.append(None)
+            continue
     return found
+
+
+def what_runs(config: Config) -> Hashable:
+    """What makes the run of a configuration: all but effects that only show, unless they move the states of a sensor."""
+    effects = [active.found.effect for active in config.effects]
+    has_memory = any(effect.port == PORT_NAMES[SENSING] and effect.states for effect in effects)
+    acting = (active for active in config.effects if has_memory or not active.found.effect.only_shows)
+    return config.simulated_kinetics, tuple(config.parameters.items()), tuple(acting)
 
 
 @dataclass(frozen=True)
@@ -348,13 +366,13 @@ def difference_points(part: Vector, low: Vector, high: Vector, steps: Vector, ce
 def own_derivatives(
     problem: Problem, z: Vector, own: Sequence[int], base: Sequence[Matrix | None], executor: Executor
 ) -> list[NDArray[np.float64] | None]:
-    """By run, the derivatives (own, channels, k) at z in some unknowns, by differences away from their upper bounds; `base`:
-    the residuals there. Zero where the model cannot be run beside z, None where not at z.
+    """By run, the derivatives (own, channels, k) at z in free parameters, by differences away from their upper bounds;
+    `base`: the residuals there. Zero where the model cannot be run beside z, None where not at z.
     """
     high = problem.limits()[1]
     steps = [DEFAULT_STEP if z[k] + DEFAULT_STEP <= high[k] else -DEFAULT_STEP for k in own]
     moved = [z + step * (np.arange(len(z)) == k) for k, step in zip(own, steps, strict=True)]
-    responses = [residuals_at(problem, at, executor) for at in moved]
+    responses = residuals_under(problem, z, [problem.fitted(at) for at in moved], executor)
     found: list[NDArray[np.float64] | None] = []
     for j, here in enumerate(base):
         if here is None:

@@ -23,7 +23,7 @@ from sma_sim.solver.effect_table import channel_scales
 from sma_sim.solver.inputs import Input, inputs_at
 from sma_sim.solver.integrate import Run
 from sma_sim.solver.model import Model
-from sma_sim.solver.simulate import SimulationError, Trajectory, copy_of_run, new_run, new_work, sampled_channels, simulate
+from sma_sim.solver.simulate import SimulationError, Trajectory, channels_of_all, copy_of_run, new_run, new_work, simulate
 from sma_sim.solver.smoothed_input import Leeway, Stretches, smoothed
 from sma_sim.solver.work import Work
 
@@ -432,23 +432,30 @@ def weighted_residuals(config: Config | Model, run: FitData, nuisance: Nuisance 
     Raises SimulationError.
     """
     model = config if isinstance(config, Model) else Model(run.on_bench(config))
-    absent = [name for name in run.channels if name not in model.structure.channels]
+    return residuals_of_all([model], run, nuisance or Nuisance())[0]
+
+
+def residuals_of_all(models: Sequence[Model], run: FitData, nuisance: Nuisance) -> list[NDArray[np.float64]]:
+    """As `weighted_residuals`, of models that differ in effects which only show (`solver.simulate.channels_of_all`)."""
+    absent = [name for name in run.channels if name not in models[0].structure.channels]
     if absent:
-        raise UserError(f'{run.name}: the model of system {model.config.system!r} has no channel {absent[0]}')
-    nuisance = nuisance or Nuisance()
-    if run.correction is not None:
-        smoothed = smoothed_residuals(model, run, nuisance)
-        if smoothed is not None:
-            return smoothed + run.correction
-    return compared(run, shown_by(model, run, nuisance), nuisance)
+        raise UserError(f'{run.name}: the model of system {models[0].config.system!r} has no channel {absent[0]}')
+    lines = None if run.correction is None else smoothed_command(models[0], run, nuisance)
+    found = [compared(run, shown, nuisance) for shown in shown_by_all(models, run, nuisance, lines)]
+    return found if lines is None or run.correction is None else [one + run.correction for one in found]
 
 
 def smoothed_residuals(model: Model, run: FitData, nuisance: Nuisance) -> NDArray[np.float64] | None:
     """As `weighted_residuals` under the smoothed command, (channels, k); None where it cannot be smoothed."""
+    lines = smoothed_command(model, run, nuisance)
+    return None if lines is None else compared(run, shown_by_all([model], run, nuisance, lines)[0], nuisance)
+
+
+def smoothed_command(model: Model, run: FitData, nuisance: Nuisance) -> Stretches | None:
+    """The command of a run smoothed within its leeway; None where that cannot be."""
     source, asked, _ = planned_run(run, nuisance)
     seen = seen_at(model, asked[-1:], float(source.times[0]))
-    lines = None if run.leeway is None else smoothed(model, source, float(seen[-1]), run.leeway)
-    return None if lines is None else compared(run, shown_by(model, run, nuisance, lines), nuisance)
+    return None if run.leeway is None else smoothed(model, source, float(seen[-1]), run.leeway)
 
 
 def leeway_for(config: Config, run: FitData) -> Leeway | None:
@@ -472,19 +479,21 @@ def leeway_for(config: Config, run: FitData) -> Leeway | None:
     return leeway if lines is not None and len(lines.times) < FEWER * len(run.source.times) else None
 
 
-def shown_by(model: Model, run: FitData, nuisance: Nuisance, lines: Stretches | None = None) -> NDArray[np.float64]:
-    """What the channels of a run show under a model on its bench, (channels, k), under `lines` in place of its command, if
-    any. Raises SimulationError."""
-    source, asked, index = planned_run(run, nuisance)
+def shown_by_all(
+    models: Sequence[Model], run: FitData, nuisance: Nuisance, lines: Stretches | None
+) -> list[NDArray[np.float64]]:
+    """What the channels of a run show under models on its bench, (channels, k) each, under `lines` in place of its command,
+    if any. Raises SimulationError."""
+    model, (source, asked, index) = models[0], planned_run(run, nuisance)
     work = new_work(model)
     first = np.asarray(source.values[0], float)
     begin = copy_of_run(model, run.initial_state) if run.initial_state else new_run(model, first, work, nuisance.start)
     try:
         limit = step_limit(source, run.step_limited, 0 if lines is None else len(lines.times), len(run.time))
-        samples = sampled_channels(model, source, asked, run.channels, limit, begin, work, lines)
+        samples = channels_of_all(models, source, asked, run.channels, limit, begin, work, lines)
     except SimulationError as error:
         raise SimulationError(f'{run.name}: {error}') from error
-    return np.ascontiguousarray(samples[index].T)
+    return [np.ascontiguousarray(one[index].T) for one in samples]
 
 
 def compared(run: FitData, shown: NDArray[np.float64], nuisance: Nuisance | None) -> NDArray[np.float64]:

@@ -309,6 +309,11 @@ class Effect:
         return self.title or self.name.replace('_', ' ')
 
     @property
+    def only_shows(self) -> bool:
+        """Whether it changes what sensors show, and neither what the robot does nor when it is seen."""
+        return self.port == 'sensing' and not self.states and self.clock is None
+
+    @property
     def order(self) -> tuple[int, int]:
         """Number of the port, and of the stage in its chain: effects act in this order."""
         stages = CHAIN.get(self.port, ('',))
