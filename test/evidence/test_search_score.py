@@ -507,6 +507,26 @@ def test_a_level_ends_where_the_best_of_all_leaves_nothing(monkeypatch, squares,
     assert extended == expected
 
 
+@pytest.mark.parametrize(('left', 'restarted'), [(-1.0, 0), (1.0, 1)])
+def test_what_leaves_nothing_with_the_other_kinetics_is_in_no_wrong_valley(monkeypatch, left, restarted):
+    """Fits from further starts are for models that leave something with either of the kinetics."""
+    book, asked = Book(CATALOGUE, True), []
+    book.add([model((), 500.0, kinetics, unlisted=9.0) for kinetics in ('hybrid', 'mas')])
+    first = model(('gravity',), 100.0, 'hybrid', unlisted=5.0)
+
+    def further(parent, models, *_):
+        asked.append([one.names for one in models])
+        return [model(('gravity',), 90.0, 'hybrid', unlisted=5.0)]
+
+    monkeypatch.setattr(beam, 'extended', lambda *_: [first])
+    monkeypatch.setattr(beam, 'in_other_kinetics', lambda *_: model(('gravity',), 120.0, 'mas', unlisted=left))
+    monkeypatch.setattr(beam, 'further_fits', further)
+    monkeypatch.setattr(beam, 'report_model', lambda *_: None)
+    context = SimpleNamespace(stop=Event(), on_progress=lambda _: None)
+    (found,) = beam.add_extended(book.ranked(0)[0], [component('gravity')], book, context)
+    assert len(asked) == restarted and found.fit.squares == (90.0 if restarted else 100.0)
+
+
 @pytest.mark.parametrize('k', [1.0, 3.0])
 def test_a_promise_counts_until_a_fit_has_gone_on_to_the_end(k):
     """What derivatives still promise there is no evidence; where a fit has ended at its optimum they promise nothing."""

@@ -331,7 +331,7 @@ def search_effects(
         training, held_out = without_faults(start.dataset, held_out, noise)
         return search_effects(start.on(training), held_out, request, context, (*faults, *noise))
     models = path_to(posterior.best, book, context)
-    steps, ended = steps_along(models, book, posterior, context), not context.stop.is_set()
+    steps, ended = steps_along(models, book, posterior), not context.stop.is_set()
     path = [with_all_runs(model, nominal, posterior.overdispersion, context) for model in models]
     for fit in path[1:]:
         report_model('accepted', fit, context)

@@ -16,12 +16,14 @@ from sma_sim.evidence.model_selection.refit import without_effect
 from sma_sim.evidence.search import propose
 from sma_sim.evidence.search.components import Catalogue, Component, catalogue_for
 from sma_sim.evidence.search.refine import (
+    SAME_VALLEY,
     SKETCHED,
     TIE,
     WINDOW,
     Model,
     better,
     extended,
+    further_fits,
     in_other_kinetics,
     model_of,
     settled,
@@ -77,6 +79,11 @@ class Book:
     def find(self, names: frozenset[str]) -> Model | None:
         """The better of the models with these components."""
         return next((model for model in self.ranked(len(names)) if model.names == names), None)
+
+    def explains(self, models: Sequence[Model]) -> bool:
+        """Whether one of some models leaves nothing, with either of the kinetics."""
+        names = {model.names for model in models}
+        return any(model.leaves_nothing for model in self.models.values() if model.names in names)
 
     def reach(self, size: int | None = None) -> float:
         """The cost from which on a model has no weight beside those that there are, or those of a number of components."""
@@ -251,7 +258,7 @@ def expand(parent: Model, book: Book, context: SearchContext) -> None:
     more = propose.differing(parent.fit, parent.names, context) if not parent.leaves_nothing else []
     first = [one.component for one in (*proposals, *more[:DIFFERENCES])]
     found = add_extended(parent, first, book, context)
-    if not (parent.components or parent.leaves_nothing or any(model.leaves_nothing for model in found)):
+    if not (parent.components or parent.leaves_nothing or book.explains(found)):
         tried = {component.name for component in first}
         others = propose.stepped(book.catalogue, tried, taken, book.catalogue.effects)
         add_extended(parent, others, book, context, reached=min((one.fit.cost for one in found), default=inf) + WINDOW)
@@ -278,23 +285,34 @@ def add_extended(
     restarts: bool = True,
     reached: float = inf,
 ) -> list[Model]:
-    """Add models with one component more, of those whose sketches come below the cost that others have `reached`."""
+    """Add models with one component more, of those whose sketches come below the cost that others have `reached`.
+
+    The best are fitted from further starts (`restarts`) where all leave something, with either of the kinetics: one that
+    leaves nothing with the other ones lies in no wrong valley, it has the wrong kinetics.
+    """
     if not components or context.stop.is_set():
         return []
     context.on_progress(f'fitting {", ".join(component.name for component in components)}')
     is_equation = any(one.is_formula for one in components)  # no step on the way to another model, as effects are
     target = book.reach(None if is_equation else len(parent.components) + 1)
-    found = book.add(extended(parent, components, context, restarts, reached, target))
+    first = extended(parent, components, context, False, reached, target)
+    found = book.add(first)
+    try_kinetics(book, context)
+    if restarts and not book.explains(found):
+        before = book.best
+        book.add(further_fits(parent, first, context, reached, target))
+        found = [book.models[model.key] for model in found]
+        is_deeper = book.best.names == before.names and book.best.fit.cost < before.fit.cost - SAME_VALLEY
+        try_kinetics(book, context, again=is_deeper)
     for model in found:
         report_model('candidate', model.fit, context)
-    try_kinetics(book, context)
     return found
 
 
-def try_kinetics(book: Book, context: SearchContext) -> None:
-    """The best model with the other kinetics, unless they were tried."""
+def try_kinetics(book: Book, context: SearchContext, again: bool = False) -> None:
+    """The best model with the other kinetics, unless they were tried and it lies (`again`) no deeper since."""
     names = {key[0] for key in book.models if key[1] != book.best.key[1]}
-    if book.kinetics and book.best.names not in names and not context.stop.is_set():
+    if book.kinetics and (again or book.best.names not in names) and not context.stop.is_set():
         rest = frozenset(one.name for one in book.best.components[:-1])
         fewer = next((one for one in book.ranked() if one.names == rest and one.key[1] != book.best.key[1]), None)
         book.add([in_other_kinetics(book.best, fewer, context)])

@@ -11,7 +11,7 @@ import numpy as np
 
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.problem import Problem, residuals_at
+from sma_sim.evidence.estimation.problem import Problem, normal_parts, residuals_at
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import Candidate
 from sma_sim.evidence.model_selection.refit import refit, without_effect
@@ -123,7 +123,8 @@ def proposal_of(model: Model, before: FitResult, book: Book, posterior: Posterio
     formula = formula.with_values(fitted.values_of(formula.name))
     tied = tuple(formula_of(one).name for one in posterior.rivals(competing, model))
     plot = partial_residual_plot(fitted, formula, context.pool)
-    return Proposal(formula, fitted, before.error, ranking, tied, plot, standard_errors(fitted, k, context.pool))
+    parts = normal_parts(fitted.problem, fitted.z, context.pool)
+    return Proposal(formula, fitted, before.error, ranking, tied, plot, standard_errors(fitted, parts, k))
 
 
 def has_terms(model: Model) -> bool:

@@ -127,7 +127,7 @@ def extended(
     target: float = inf,
 ) -> list[Model]:
     """The models with one component more, each fitted: those that sketches rank first, below the cost `reached`; the best
-    (`restarts`) from further starts until one leaves nothing.
+    (`restarts`) from further starts (`further_fits`).
 
     Fits that fall too slowly to come down to the cost `target`, or near those before them, are given up.
     """
@@ -141,14 +141,24 @@ def extended(
             first += [] if model is None else [model]
     k = min((model.evidence.overdispersion for model in first), default=1.0)
     first.sort(key=lambda model: -model.score(k))
-    found = list[Model]()
-    for rank, model in enumerate(first):
+    again = further_fits(parent, first, context, reached, target) if restarts else []
+    again += [None] * (len(first) - len(again))
+    return [better(model, other) for model, other in zip(first, again, strict=True)]
+
+
+def further_fits(
+    parent: Model, models: Sequence[Model], context: SearchContext, reached: float = inf, target: float = inf
+) -> list[Model | None]:
+    """The best few of some models with one component more, fitted from the other starts, in their order, until one leaves
+    nothing."""
+    found, fits = list[Model](), list[Model | None]()
+    for model in models[:RESTARTED]:
+        if context.stop.is_set() or any(one.leaves_nothing for one in (*found, model)):
+            break
         limit = min([reached, target, model.fit.cost + SAME_VALLEY, *(one.fit.cost + WINDOW for one in found)])
-        explained = any(one.leaves_nothing for one in (*found, model))
-        if restarts and rank < RESTARTED and not explained and not context.stop.is_set():
-            model = better(model, model_of(model.components, restarted(parent.fit, model, limit, context), context))
-        found.append(model)
-    return found
+        fits.append(model_of(model.components, restarted(parent.fit, model, limit, context), context))
+        found.append(better(model, fits[-1]))
+    return fits
 
 
 def best_by_sketch(

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import log
 
@@ -12,7 +11,7 @@ import numpy as np
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import FreeParameter
 from sma_sim.evidence.estimation.plausibility import is_plausible
-from sma_sim.evidence.estimation.problem import accumulated, normal_parts
+from sma_sim.evidence.estimation.problem import NormalEquations, accumulated
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.uncertainty import inverse_of_precision
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
@@ -74,9 +73,7 @@ def path_to(best: Model, book: Book, context: SearchContext) -> list[Model]:
     return path
 
 
-def steps_along(
-    path: Sequence[Model], book: Book, posterior: Posterior, context: SearchContext
-) -> tuple[SelectionStep, ...]:
+def steps_along(path: Sequence[Model], book: Book, posterior: Posterior) -> tuple[SelectionStep, ...]:
     """The steps of a path; the last one takes nothing."""
     steps = []
     for model, after in zip(path, [*path[1:], None], strict=True):
@@ -90,7 +87,7 @@ def steps_along(
         tied = [[added(rival, model) for rival in posterior.rivals(chosen, one)] for one in chosen]
         if taken is not None:
             tied[0] = in_place_of(added(taken, model), path[-1], book, posterior)
-        fits = [candidate_fit(one, model, rivals, posterior, context) for one, rivals in zip(chosen, tied, strict=True)]
+        fits = [candidate_fit(one, model, rivals, posterior) for one, rivals in zip(chosen, tied, strict=True)]
         steps.append(SelectionStep(
             model.fit, tuple(fits), fits[0] if taken else None, None if after is None else after.fit
         ))  # fmt: skip
@@ -118,9 +115,7 @@ def is_listed(model: Model, base: Model) -> bool:
     return not component.is_formula and not component.is_difference
 
 
-def candidate_fit(
-    model: Model, base: Model, rivals: Sequence[Component], posterior: Posterior, context: SearchContext
-) -> CandidateFit:
+def candidate_fit(model: Model, base: Model, rivals: Sequence[Component], posterior: Posterior) -> CandidateFit:
     """A model with one effect more compared with its base; `rivals` explain as well."""
     component, k = added(model, base), posterior.overdispersion
     assert isinstance(component.start, ScreeningResult)
@@ -129,14 +124,15 @@ def candidate_fit(
     delta_bic = 2.0 * (model.fit.cost - base.fit.cost) / k**2 + more * log(model.fit.problem.samples)
     return CandidateFit(
         found, model.fit, model.score(k) - base.score(k), model.fit.error / base.fit.error, delta_bic,
-        is_plausible(found, model.fit.values_of(found.effect.name)), standard_errors(model.fit, k, context.pool),
+        is_plausible(found, model.fit.values_of(found.effect.name)), standard_errors(model.fit, model.evidence.parts, k),
         tuple(dict.fromkeys(one.effect for one in rivals if one.effect)),
     )  # fmt: skip
 
 
-def standard_errors(fit: FitResult, k: float, pool: Executor) -> dict[str, float]:
-    """Standard deviations of the free parameters (SI) under an overdispersion k; large where data tell nothing."""
-    _, _, hessian = accumulated(normal_parts(fit.problem, fit.z, pool), fit.z, k)
+def standard_errors(fit: FitResult, parts: Iterable[NormalEquations], k: float) -> dict[str, float]:
+    """Standard deviations of the free parameters (SI) under an overdispersion k, from the normal equations of the runs; they
+    are large where data tell nothing."""
+    _, _, hessian = accumulated(parts, fit.z, k)
     std = k * np.sqrt(np.diag(inverse_of_precision(hessian)))
     return {p.name: std_of_value(p, float(z), float(s)) for p, z, s in zip(fit.problem.free, fit.z, std, strict=False)}
 
