@@ -1,7 +1,7 @@
 """The score of models: exact where a model is linear, the same in all units and orders, and the probabilities made of it."""
 
 from dataclasses import replace
-from itertools import permutations
+from itertools import combinations, permutations
 from math import exp, inf, log, pi, sqrt
 from threading import Event
 from types import SimpleNamespace
@@ -24,8 +24,8 @@ from sma_sim.evidence.estimation.free_parameters import choose_free
 from sma_sim.evidence.estimation.problem import LinearizedRun, normal_equations, start_point
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
 from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.model_selection.candidates import candidates_for, with_effect
-from sma_sim.evidence.model_selection.score_tests import ScreeningResult, change_points
+from sma_sim.evidence.model_selection.candidates import Probe, candidates_for, with_effect
+from sma_sim.evidence.model_selection.score_tests import ScreeningResult, change_points, explained
 from sma_sim.evidence.search import beam
 from sma_sim.evidence.search.beam import Book, parents
 from sma_sim.evidence.search.components import Catalogue, Component, catalogue_for, log_prior_of
@@ -442,6 +442,25 @@ def test_instants_at_which_something_happens():
     linear = [LinearizedRun(np.zeros(0, dtype=int), rows, np.zeros((0, *rows.shape))) for rows in residuals]
     found = change_points(SimpleNamespace(runs=runs), linear)
     assert found[0] == pytest.approx(62.0, abs=0.5) and found[-1] == pytest.approx(45.0, abs=0.3)
+
+
+def test_probes_together_explain_what_the_best_set_of_sides_does():
+    """Of each parameter one side, up or down, by a positive amount: no such set gains more."""
+    random = np.random.default_rng(5)
+    probes = [Probe(name, 0.0, step, {}) for name in ('a', 'b', 'c') for step in (1.0, -2.0)]
+    responses = random.normal(size=(6, 40))
+    residuals = -0.7 * responses[1] - 1.2 * responses[2] - 0.4 * responses[5] + 0.1 * random.normal(size=40)
+    gain, amounts = explained(probes, responses, residuals)
+    fits = {
+        sides: np.linalg.lstsq(responses[list(sides)].T, -residuals, rcond=None)[0]
+        for size in (1, 2, 3)
+        for sides in combinations(range(6), size)
+        if len({k // 2 for k in sides}) == size
+    }
+    lost = {sides: np.sum((residuals + x @ responses[list(sides)]) ** 2) for sides, x in fits.items() if (x > 0.0).all()}
+    best = min(lost, key=lost.get)
+    assert gain == pytest.approx(residuals @ residuals - lost[best]) and best == (1, 2, 5)
+    assert np.flatnonzero(amounts).tolist() == list(best) and amounts[list(best)] == pytest.approx(fits[best])
 
 
 @pytest.mark.parametrize('k', [1.0, 3.0])

@@ -7,9 +7,10 @@ decreases by the largest of -2 a s'r - a^2 s's' over a >= 0.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import product
 
 import numpy as np
@@ -206,21 +207,23 @@ def explained(probes: Sequence[Probe], responses: Matrix, residuals: Vector) -> 
     columns = responses * scale[:, None]
     gram, targets = columns @ columns.T + 1e-9 * np.eye(len(scale)), -columns @ residuals
     gain, amounts = 0.0, np.zeros(len(scale))
-    for active in one_side_each([probe.parameter for probe in probes]):
-        found = np.linalg.solve(gram[np.ix_(active, active)], targets[active])
-        gained = float(found @ targets[active])
-        if (found > 0.0).all() and gained > gain:
-            gain, amounts = gained, np.zeros(len(scale))
-            amounts[active] = found
+    for active in one_side_each(tuple(probe.parameter for probe in probes)):
+        found = np.linalg.solve(gram[active[:, :, None], active[:, None, :]], targets[active][:, :, None])[:, :, 0]
+        gained = np.where((found > 0.0).all(axis=1), np.sum(found * targets[active], axis=1), 0.0)
+        best = int(gained.argmax())
+        if gained[best] > gain:
+            gain, amounts = float(gained[best]), np.zeros(len(scale))
+            amounts[active[best]] = found[best]
     return gain, scale * amounts
 
 
-def one_side_each(parameters: Sequence[str]) -> Iterator[NDArray[np.int64]]:
-    """Sets of probes that may act together, the best of which has positive amounts: of each parameter one, up or down."""
+@lru_cache(256)
+def one_side_each(parameters: tuple[str, ...]) -> tuple[NDArray[np.int64], ...]:
+    """Sets of probes that may act together, the best of which has positive amounts: of each parameter one, up or down. By
+    their size, (sets, size)."""
     sides = [[-1, *(k for k, other in enumerate(parameters) if other == name)] for name in dict.fromkeys(parameters)]
-    for chosen in product(*sides):
-        if any(k >= 0 for k in chosen):
-            yield np.array([k for k in chosen if k >= 0])
+    sets = [[k for k in chosen if k >= 0] for chosen in product(*sides)]
+    return tuple(np.array([one for one in sets if len(one) == size]) for size in range(1, len(sides) + 1))
 
 
 def values_at(probes: Sequence[Probe], amounts: Vector) -> dict[str, float]:
