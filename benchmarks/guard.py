@@ -1,6 +1,6 @@
 """Whether a guard keeps the wires of simulated robots within their limits, and what that costs.
 
-    python benchmarks/guard.py [--robots 20] [--first 0] [--seconds 20] [--off 0.15] [--margin 2.0] [--hot 1] [--json FILE]
+    python benchmarks/guard.py [--robots 200] [--first 0] [--seconds 20] [--off 0.15] [--margin 2.0] [--hot] [--minutes 60]
 
 A robot has MAS kinetics, parameters off by --off (each either way, the free length by up to 0.3 %), sensors with noise, and
 every second one a hidden effect. It is observed at 50 Hz with pose and forces, by a model with the nominal parameters,
@@ -10,16 +10,18 @@ commanded gently, so that no limit comes near. Reported are the largest excesses
 |alpha|) that is lost: of safe commands against no guard, of others against a guard that knows the true state. So is what a
 guard loses that knows all but the scale of T - T_E, which pose and forces do not tell, and keeps all such robots below
 T_MAX + 2 K. With --hot observer and guard start beside a robot whose wire was heated with full power to 1 K below the
-limit, and goes on to be.
+limit, and goes on to be. Finished robots are kept in --file, so that a run can be continued.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
+from concurrent.futures import Executor
 from typing import Any, NamedTuple
 
 import numpy as np
-from common import report
+from cases import add_options, drawn, solved
 from numpy.typing import NDArray
 
 from sma_sim import Config
@@ -31,7 +33,6 @@ from sma_sim.observer import Estimate, Observer
 from sma_sim.solver.columns import sample_columns
 from sma_sim.solver.fixed_rate import FixedRateRun
 from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS
-from sma_sim.solver.simulate import SimulationError
 
 RATE = 50.0  # [Hz] of estimates and commands
 T_MAX, STRESS_MAX = 360.0, 250e6  # [K], [Pa]
@@ -127,16 +128,13 @@ def without_scale(config: Config, robot: Robot, off: float) -> float:
     return T_E + (T_MAX + 2.0 - T_E) * (1.0 - off) / float(scale)
 
 
-def one_robot(seed: int, duration: float, off: float, margin: float, hot: bool) -> dict[str, Any] | None:
-    """All numbers of a robot; None where it cannot do its run."""
+def solve(seed: int, duration: float, off: float, margin: float, hot: bool, pool: Executor) -> dict[str, Any]:
+    """All numbers of a robot. Raises SimulationError where it cannot do its run."""
     config, robot = robot_of(seed, off, margin)
     asked = commands_of(seed, round(duration * RATE))
     if hot:
         asked[: round(RATE)] = J_FULL * (-1.0) ** seed
-    try:
-        alone, knowing, observed = (run_of(config, robot, asked, who, seed, hot) for who in ('none', 'truth', 'observer'))
-    except SimulationError:
-        return None
+    alone, knowing, observed = (run_of(config, robot, asked, who, seed, hot) for who in ('none', 'truth', 'observer'))
     safe = alone.T <= T_MAX and alone.stress <= STRESS_MAX
     compared = alone if safe else knowing
     known = config.variant({'guard.T_max': without_scale(config, robot, off)})
@@ -154,39 +152,51 @@ def one_robot(seed: int, duration: float, off: float, margin: float, hot: bool) 
     }
 
 
-def summary(robots: list[dict[str, Any]]) -> dict[str, float]:
-    """Over robots: the largest excesses, how many keep the limits to 2 K and 2 %, and the stroke that is lost."""
-    T, stress, lost = (np.array([one[name] for one in robots]) for name in ('T excess', 'stress excess', 'stroke lost'))
-    return {
-        'robots': len(robots),
-        'within 2 K': float(np.mean(T <= 2.0)),
-        'within 2 % of stress': float(np.mean(stress <= 0.02)),
-        'largest T excess': float(T.max()),
-        'largest stress excess': float(stress.max()),
-        'largest T excess without guard': max(one['T excess without guard'] for one in robots),
-        'largest stress excess without guard': max(one['stress excess without guard'] for one in robots),
-        'stroke lost': float(lost.mean()),
-        'most stroke lost': float(lost.max()),
-        'stroke lost by the scale alone': float(np.mean([one['stroke lost by the scale alone'] for one in robots])),
-    }
+def table(results: list[dict[str, Any]]) -> Iterator[str]:
+    """The largest excesses, how many robots keep the limits to 2 K and 2 %, and the stroke that is lost, in the mean."""
+    said = list[str]()
+    yield (
+        '| commands | robots | within 2 K and 2 % | beyond T_max [K] | beyond stress_max [%] | stroke lost [%] | at most | '
+        'by the scale alone | without guard [K] | [%] |'
+    )
+    yield '|---|' + '---|' * 9
+    for name, is_safe in (('safe', True), ('others', False)):
+        robots = [one for one in results if 'failed' not in one and one['safe'] == is_safe]
+        if not robots:
+            continue
+        found = {key: np.array([one[key] for one in robots]) for key in robots[0] if key not in ('case', 'hidden')}
+        within = (found['T excess'] <= 2.0) & (found['stress excess'] <= 0.02)
+        T, stress = found['T excess'].max(), 100.0 * found['stress excess'].max()
+        lost = 100.0 * found['stroke lost']
+        yield (
+            f'| {name} | {len(robots)} | {within.sum()} | {T:.1f} | {stress:.1f} | {lost.mean():.1f} | {lost.max():.1f} | '
+            f'{100.0 * found["stroke lost by the scale alone"].mean():.1f} | {found["T excess without guard"].max():.0f} | '
+            f'{100.0 * found["stress excess without guard"].max():.0f} |'
+        )
+        said.append(f'{name}: {within.sum()} of {len(robots)} within 2 K and 2 %, {lost.mean():.1f} % of the stroke lost')
+    yield '\n' + '; '.join(said)
 
 
-def measure(arguments: argparse.Namespace) -> dict[str, Any]:
-    """All robots."""
-    robots, seed = list[dict[str, Any]](), arguments.first
-    while len(robots) < arguments.robots:
-        found = one_robot(seed, float(arguments.seconds), arguments.off, arguments.margin, bool(arguments.hot))
-        if found is not None:
-            robots.append(found)
-            if arguments.each:
-                print(seed, found, flush=True)
-        seed += 1
-    groups = {'safe commands': [one for one in robots if one['safe']], 'others': [one for one in robots if not one['safe']]}
-    return {name: summary(group) for name, group in groups.items() if group}
+def row(result: dict[str, Any]) -> str:
+    """How one robot went."""
+    return f'{result["case"][0]} ' + ', '.join(f'{key} {value}' for key, value in result.items() if key != 'case')
+
+
+def main() -> None:
+    """Solve what is not in the file yet, as far as the time goes, and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--robots', type=int, default=200)
+    parser.add_argument('--first', type=int, default=0)
+    parser.add_argument('--seconds', type=float, default=20.0)
+    parser.add_argument('--off', type=float, default=0.15)
+    parser.add_argument('--margin', type=float, default=2.0)
+    parser.add_argument('--hot', action='store_true')
+    add_options(parser, 'guard.jsonl', 60.0)
+    asked = parser.parse_args()
+    seeds = range(asked.first, asked.first + asked.robots)
+    cases = [(seed, asked.seconds, asked.off, asked.margin, asked.hot) for seed in seeds]
+    print('\n'.join(table(solved(drawn(cases, asked.share), solve, asked, row))))
 
 
 if __name__ == '__main__':
-    report(
-        'Whether a guard keeps wires within their limits', measure,
-        robots=20, first=0, seconds=20, off=0.15, margin=2.0, hot=0, each=0,
-    )  # fmt: skip
+    main()

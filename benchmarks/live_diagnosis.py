@@ -1,6 +1,6 @@
 """Does the live check name what changes on a robot, how soon, and nothing where nothing changes?
 
-    python benchmarks/live_diagnosis.py [--days 24] [--seed 8000] [--minutes 60] [--at-once 2] [--share 1.0]
+    python benchmarks/live_diagnosis.py [--days 24] [--quiet 10] [--seed 8000] [--minutes 60] [--at-once 2] [--share 1.0]
 
 Each case is a part of a day: a robot with parameters of its own (sma_sim/challenge), whose model is known, moves for ten
 minutes under a random command; 20 samples a second with noise, with and without forces. At an instant something begins: a
@@ -8,6 +8,9 @@ fan, natural convection, friction of the plate, the loss of wires of a bundle, a
 nothing; on other days only the room gets warmer or colder by up to 2 K, which nobody measures. Laws of convection,
 friction and gravity are those of the challenges, which the library does not share. The check looks every 10 s until it says
 a change, and once more a minute later.
+
+With --quiet there are hours too in which nothing changes but the command and the room, by up to 2 K to and fro, as a
+thermometer tells it.
 
 With --off 0.03 the check takes each parameter of the robot for another one, by 3 % (standard deviation), as after a fit.
 
@@ -40,6 +43,7 @@ from sma_sim.solver.simulate import simulate
 
 Matrix = NDArray[np.float64]
 DURATION, RATE = 600.0, 20.0
+HOUR, TOLD = 3600.0, 30.0  # [s] of a quiet hour; between two values of its thermometer
 AGAIN = 60.0  # [s] after a change is said for the first time, the check is asked once more, and a day is over
 TRUTHS = {'natural_convection': 'natural_convection', 'friction': 'joint_friction', 'gravity': 'gravity'}
 RIGHT = {
@@ -51,6 +55,7 @@ RIGHT = {
     'zero': {'sensor_jump'},
     'room': {'T_E', 'ambient_drift', 'ambient_heating'},
     'nothing': set(),
+    'quiet': set(),
 }
 
 
@@ -58,11 +63,13 @@ def main() -> None:
     """Run what is missing, print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--days', type=int, default=12, help='of each kind')
+    parser.add_argument('--quiet', type=int, default=0, help='hours without a change')
     parser.add_argument('--seed', type=int, default=8000)
     parser.add_argument('--off', type=float, default=0.0, help='relative error of the parameters that the check knows')
     add_options(parser, 'live_diagnosis.jsonl', 60.0)
     asked = parser.parse_args()
-    cases = [(kind, asked.seed + 100 * k + day, asked.off) for k, kind in enumerate(RIGHT) for day in range(asked.days)]
+    days = dict.fromkeys(RIGHT, asked.days) | {'quiet': asked.quiet}
+    cases = [(kind, asked.seed + 100 * k + day, asked.off) for k, kind in enumerate(RIGHT) for day in range(days[kind])]
     print(table(solved(drawn(cases, asked.share), solve, asked, row)))
 
 
@@ -70,15 +77,17 @@ def solve(kind: str, seed: int, off: float, pool: Executor) -> dict[str, Any]:
     """One day."""
     random = np.random.default_rng(seed)
     config = Config({**draw_parameters(Config().parameters, random), 'solver.rtol': ROBOT_RTOL}, 'module', 'mas')
-    source = draw_random_command(DURATION, config.parameters['environment.T_E'], random)
+    duration = HOUR if kind == 'quiet' else DURATION
+    source = draw_random_command(duration, config.parameters['environment.T_E'], random)
+    source = beside_a_door(source, random) if kind == 'quiet' else source
     onset, forces = CHECKPOINT * float(random.integers(12, 30)) + float(random.uniform(0.0, CHECKPOINT)), seed % 2 == 0
     changed, warmer, zero, amount = change_of(kind, config, random)
-    times = np.arange(0.0, DURATION, 1.0 / RATE)
+    times = np.arange(0.0, duration, 1.0 / RATE)
     base, model = Model(config), Model(changed)
     predicted = shown(base, simulate(base, source, times))
     state = simulate(base, part(source, 0.0, onset), [onset]).state
     before = times < onset
-    after = part(source, onset, DURATION, warmer)
+    after = part(source, onset, duration, warmer)
     start = continued(model, base, shifted(state, onset), after.values[0])
     later = shown(base, simulate(model, after, times[~before] - onset, initial_state=start))
     truth = np.vstack([predicted[before], later + zero])
@@ -120,6 +129,15 @@ def change_of(kind: str, config: Config, random: np.random.Generator) -> tuple[C
     return config, warmer, zero, {}
 
 
+def beside_a_door(source: Input, random: np.random.Generator) -> Input:
+    """The same command in a room that gets warmer and colder by up to 2 K within minutes to an hour."""
+    end = float(source.times[-1])
+    times = np.union1d(source.times, np.arange(0.0, end, TOLD))
+    J, T_E = np.asarray(source.values)[np.searchsorted(source.times, times, side='right') - 1].T
+    waves = [np.sin(2.0 * np.pi * (times // TOLD * TOLD / random.uniform(200.0, end) + random.uniform())) for _ in range(2)]
+    return Input(times, np.column_stack([J, T_E + waves[0] + waves[1]]), source.linear, source.names)
+
+
 def part(source: Input, begin: float, end: float, warmer: float = 0.0) -> Input:
     """The input from `begin` to `end`, its time beginning anew."""
     times = np.asarray(source.times, float)
@@ -140,13 +158,14 @@ def watched(
 ) -> list[LiveFinding]:
     """What the check finds, every CHECKPOINT seconds until it says a change, and AGAIN later."""
     live = LiveDiagnosis(config, causes_for(config), noise)
-    live.start(0, (0.0, config.parameters['environment.T_E']))
+    live.start(0, (0.0, float(source.values[0, 1])))
     found, before, due = list[LiveFinding](), -1.0, 3.0 * CHECKPOINT
     for k, t in enumerate(times.tolist()):
         changes = [
-            InputChange(round(1e9 * at), 0, float(values[0]))
+            InputChange(round(1e9 * at), column, float(value))
             for at, values in zip(source.times.tolist(), source.values, strict=True)
             if before < at <= t
+            for column, value in enumerate(values)
         ]
         live.add(ComparedSample(round(1e9 * t), changes, measured[k]), predicted[k], True)
         before = t
@@ -207,10 +226,18 @@ def table(cases: Sequence[dict[str, Any]]) -> str:
             f'{of(sum(case["last"][1] in right for case in said), len(said))} | '
             f'{np.median(delays) if delays else float("nan"):.0f} | {sum(case["before"] for case in days)} |'
         )
-    quiet = [case for case in cases if case.get('kind') == 'nothing']
-    alarms = sum(case['first'] is not None for case in quiet)
-    hours = sum((DURATION if case['kind'] == 'nothing' else case['onset']) for case in cases if 'kind' in case) / 3600.0
-    lines.append(f'\n{alarms} false alarms on {len(quiet)} quiet days; {hours:.1f} h without a change in all.')
+    durations = {'nothing': DURATION, 'quiet': HOUR}
+    known = [case for case in cases if 'failed' not in case]
+    alarms = sum(case['first'] is not None for case in known if case['kind'] in durations)
+    hours = sum(durations.get(case['kind'], case['onset']) for case in known) / 3600.0
+    said = [case for case in known if case['first'] and case['shows'] is not None]
+    right = (sum(case[when][1] in RIGHT[case['kind']] for case in said) for when in ('first', 'last'))
+    first, later = (of(count, len(said)) for count in right)
+    delay = np.median([max(0.0, case['first'][0] - case['shows']) for case in said]) if said else np.nan
+    lines.append(
+        f'\nnamed right when first said: {first}, a minute later: {later}; said {delay:.0f} s after it shows (median); '
+        f'{alarms + sum(case["before"] for case in said)} false alarms in {hours:.1f} h without a change'
+    )
     return '\n'.join(lines)
 
 

@@ -1,24 +1,26 @@
 """How well an observer knows temperatures, fractions and stresses of simulated robots that differ from its model.
 
-    python benchmarks/observer.py [--robots 30] [--first 0] [--seconds 60] [--strain 0.03] [--begin 10] [--json FILE]
+    python benchmarks/observer.py [--robots 200] [--first 0] [--seconds 40] [--strain 0.03] [--begin 10] [--minutes 60]
 
 A robot has MAS kinetics, the parameters of a challenge (each off by 5 to 15 %, the free length by up to 0.3 %), sensors
 with noise, and every third one a hidden effect. Half of them do random commands, half follow a target under a PI controller.
 Each is observed at 25 Hz with pose and forces, with the pose alone, and with a tenth of all messages lost, with hybrid and
 with MAS kinetics; beside that the heat balance of a wire alone, C dT/dt = J - lambda A_s (T - T_E), and the model that runs
 without any measurement. All of these have the nominal parameters; with --strain the transformation strain is known that
-well, as from a tensile test. With --begin observers start beside the running robot, within so many seconds.
+well, as from a tensile test. With --begin observers start beside the running robot, within so many seconds. Finished robots
+are kept in --file, so that a run can be continued; robots that cannot do their run count as none.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from concurrent.futures import Executor
 from typing import Any, NamedTuple
 
 import numpy as np
-from common import report
+from cases import add_options, drawn, solved
 from numpy.typing import NDArray
 
 from sma_sim import Config, Input, Model, simulate
@@ -160,17 +162,14 @@ def from_then_on(truth: Truth, seed: int, begin: float) -> Truth:
     return Truth(truth.time[k:], truth.J_eq[k:], states, shown)
 
 
-def one_robot(seed: int, duration: float, strain: float, begin: float) -> dict[str, Any] | None:
-    """All numbers of a robot; None where it cannot do its run."""
+def solve(seed: int, duration: float, strain: float, begin: float, pool: Executor) -> dict[str, Any]:
+    """All numbers of a robot. Raises SimulationError where it cannot do its run."""
     nominal, robot = robot_of(seed)
     nominal = told_strain(nominal, robot, seed, strain) if strain else nominal
-    try:
-        truth = truth_of(nominal, robot, seed, duration)
-    except SimulationError:
-        return None
+    truth = truth_of(nominal, robot, seed, duration)
     truth = from_then_on(truth, seed, begin) if begin else truth
     forces = (*POSE, 'F_1', 'F_2')
-    found: dict[str, Any] = {'hidden': robot.hidden[0].truth.name if robot.hidden else ''}
+    found: dict[str, Any] = {}
     for kinetics in ('hybrid', 'mas'):
         config = nominal.variant(kinetics=kinetics)
         found[f'{kinetics}, pose and forces'] = observed(config, truth, forces, 0.0, seed)
@@ -179,51 +178,49 @@ def one_robot(seed: int, duration: float, strain: float, begin: float) -> dict[s
     found['hybrid, pose, 10 % lost'] = observed(nominal, truth, POSE, LOST, seed)
     found['heat balance alone'] = {'T': heat_balance_alone(nominal, truth)}
     found['model without measurements'] = model_alone(nominal, truth)
-    return found
+    return {'hidden': robot.hidden[0].truth.name if robot.hidden else '', 'observers': found}
 
 
-def pooled(robots: list[dict[str, Any]], name: str) -> dict[str, float]:
-    """Over robots: root mean squares of errors, the median and the 90th percentile of that of T, means of shares."""
-    rows = [robot[name] for robot in robots]
-    result = {
-        key: float(np.sqrt(np.mean([row[key] ** 2 for row in rows]))) for key in rows[0] if key in ('T', 'x_M', 'sigma')
-    }
-    T = [row['T'] for row in rows]
-    result |= {'T median': float(np.median(T)), 'T 90 %': float(np.quantile(T, 0.9))}
-    result |= {
-        key: float(np.mean([row[key] for row in rows])) for key in rows[0] if key.endswith(('covered', 'ms', 'restarts'))
-    }
-    return result
+def table(results: list[dict[str, Any]]) -> Iterator[str]:
+    """Over robots: root mean squares of errors, quantiles of that of T, shares of true values in intervals."""
+    known = [one for one in results if 'failed' not in one]
+    yield '| observer | T [K] | median | 90 % | held [%] | x_M | held [%] | stress [Pa] | held [%] | ms |'
+    yield '|---|' + '---|' * 9
+    for name in known[0]['observers'] if known else ():
+        runs = [one['observers'][name] for one in known]
+        found = {key: np.array([run[key] for run in runs]) for key in runs[0]}
+        cells = [f'{np.sqrt(np.mean(found["T"] ** 2)):.2f}', *(f'{np.quantile(found["T"], q):.2f}' for q in (0.5, 0.9))]
+        for key in ('T covered', 'x_M', 'x_M covered', 'sigma', 'sigma covered', 'ms'):
+            values = found.get(key, np.full(1, np.nan))
+            cells.append(f'{100.0 * values.mean():.1f}' if 'covered' in key else f'{np.sqrt(np.mean(values**2)):.3g}')
+        yield f'| {" | ".join([name, *cells]).replace("nan", "")} |'
+    hidden = sum(bool(one['hidden']) for one in known)
+    yield f'\n{len(known)} robots, {hidden} of them with a hidden effect'
+    for seen in ('pose and forces', 'pose'):
+        runs = [one['observers'][f'hybrid, {seen}'] for one in known]
+        T, held = np.array([run['T'] for run in runs]), np.mean([run['T covered'] for run in runs])
+        yield f'{seen}: T to {np.sqrt(np.mean(T**2)):.1f} K (RMS), {100.0 * held:.0f} % in its interval'
 
 
-def measure(arguments: argparse.Namespace) -> dict[str, Any]:
-    """All robots."""
-    robots, seed = list[dict[str, Any]](), arguments.first
-    while len(robots) < arguments.robots:
-        found = one_robot(seed, float(arguments.seconds), arguments.strain, arguments.begin)
-        if found is not None:
-            robots.append({'seed': seed, **found})
-            if arguments.each:
-                print(seed, found, flush=True)
-        seed += 1
-    names = [name for name in robots[0] if name not in ('seed', 'hidden')]
-    plain, hidden = ([robot for robot in robots if bool(robot['hidden']) == has] for has in (False, True))
-    return {
-        'robots': len(robots),
-        **{name: pooled(robots, name) for name in names},
-        'without a hidden effect': {name: pooled(plain, name) for name in names} if plain else {},
-        'with a hidden effect': {name: pooled(hidden, name) for name in names} if hidden else {},
-    }
+def row(result: dict[str, Any]) -> str:
+    """How one robot went."""
+    runs = result['observers']
+    return f'{result["case"][0]} {result["hidden"]}: ' + ', '.join(f'{name} {run["T"]:.2f} K' for name, run in runs.items())
+
+
+def main() -> None:
+    """Solve what is not in the file yet, as far as the time goes, and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--robots', type=int, default=200)
+    parser.add_argument('--first', type=int, default=0)
+    parser.add_argument('--seconds', type=float, default=40.0)
+    parser.add_argument('--strain', type=float, default=0.0, help='relative, to which the transformation strain is known')
+    parser.add_argument('--begin', type=float, default=0.0, help='[s] within which observers start')
+    add_options(parser, 'observer.jsonl', 60.0)
+    asked = parser.parse_args()
+    cases = [(seed, asked.seconds, asked.strain, asked.begin) for seed in range(asked.first, asked.first + asked.robots)]
+    print('\n'.join(table(solved(drawn(cases, asked.share), solve, asked, row))))
 
 
 if __name__ == '__main__':
-    report(
-        'How well an observer knows the wires of simulated robots',
-        measure,
-        robots=30,
-        first=0,
-        seconds=60,
-        strain=0.0,
-        begin=0.0,
-        each=0,
-    )
+    main()
