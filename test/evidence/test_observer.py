@@ -223,6 +223,15 @@ def test_the_scale_of_temperatures_stays_as_uncertain_as_the_parameters_that_hav
         assert abs(found[k].T[0] - T[k, 0]) < 2.0 * found[k].T_std[0]
 
 
+def test_the_scale_of_stresses_stays_as_uncertain_as_the_parameters_that_have_it(robot):
+    """Without forces nothing tells a factor of sigma_MW0, sigma_T, dsigma and the stiffness of the beam."""
+    one, found = observed(Config(), robot[0], HEATING, POSE)
+    for k in range(int(2.0 * RATE), len(found), 5):
+        assert (found[k].stress_std > 0.1 / np.sqrt(4.0) * found[k].stress).all()
+    value, std = one.parameters['beam.E']
+    assert std > 0.1 / np.sqrt(4.0) * value
+
+
 def beside(nominal, factors):
     """T and x_M of a robot whose parameters have other factors, and the largest RMSE of a channel beside it over noise."""
     config = Config({name: factor * nominal.parameters[name] for name, factor in factors.items()} | {'wire.T0': 298.0})

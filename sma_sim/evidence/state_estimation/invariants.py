@@ -10,7 +10,9 @@ a wire transforms at S + Theta +- dsigma/2 (MAS7, MAS8), its strain is sigma (1/
 
 Robots whose sigma_T, c_V and lambda are all s times as large, or whose eps_T is, show the same with the same Theta, xi, S
 and D: T - T_E is known to the common scale of those three parameters, x_M to that of eps_T. Only the latent heat, which goes
-with the absolute temperature, tells the former, and only a wire that is all martensite the latter.
+with the absolute temperature, tells the former, and only a wire that is all martensite the latter. Without forces, robots
+show the same too whose stresses, moduli and stiffnesses are all s times as large, with Theta, S and 1/D: coordinates are
+these over dsigma, which is one of them and positive everywhere.
 
 In T, x_M and parameters that direction depends on the state. A filter that linearises about several states then takes the
 change of the direction for information (Huang, Mourikis and Roumeliotis, Int. J. Robotics Research 29 (2010) 502); in these
@@ -30,9 +32,8 @@ from sma_sim.evidence.estimation.free_parameters import FreeParameter
 from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.solver.propagation import DELTA, Unknowns
 
-STRESS = 1e8  # [Pa], unit of Theta and S
 STRAIN = 0.1  # unit of xi
-READ = tuple(f'wire.{name}' for name in ('sigma_T', 'eps_T', 'sigma_MW0', 'E_A', 'E_M', 'T0'))
+READ = tuple(f'wire.{name}' for name in ('sigma_T', 'eps_T', 'sigma_MW0', 'dsigma', 'E_A', 'E_M', 'T0'))
 
 
 @dataclass(frozen=True)
@@ -76,11 +77,11 @@ class InvariantCoordinates:
 
     def _of(self, xi: Vector, T_E: float, told: NDArray[np.bool_]) -> Vector:
         found, w, room = xi.copy(), self._wire(xi), T_E + float(xi[self.unknowns.T_E])
-        found[self.temperatures] = w['sigma_T'] / STRESS * (self.T_scale * xi[self.temperatures] - room)
+        found[self.temperatures] = w['sigma_T'] / w['dsigma'] * (self.T_scale * xi[self.temperatures] - room)
         found[self.fractions[told]] = w['eps_T'] / STRAIN * (self.x_scale * xi[self.fractions])[told]
         replaced = {
-            'wire.sigma_MW0': (w['sigma_MW0'] + w['sigma_T'] * (room - w['T0'])) / STRESS,
-            'wire.E_M': STRESS / STRAIN * (1.0 / w['E_M'] - 1.0 / w['E_A']) / w['eps_T'],
+            'wire.sigma_MW0': (w['sigma_MW0'] + w['sigma_T'] * (room - w['T0'])) / w['dsigma'],
+            'wire.E_M': w['dsigma'] / STRAIN * (1.0 / w['E_M'] - 1.0 / w['E_A']) / w['eps_T'],
         }
         for name, at in self._replaced:
             found[at] = replaced[name]
@@ -90,15 +91,15 @@ class InvariantCoordinates:
         """The vector (n,) at some coordinates, its parameters within their limits."""
         xi, room = coordinates.copy(), T_E + float(coordinates[self.unknowns.T_E])
         w = self._wire(xi)
-        xi[self.temperatures] = (room + STRESS / w['sigma_T'] * coordinates[self.temperatures]) / self.T_scale
+        xi[self.temperatures] = (room + w['dsigma'] / w['sigma_T'] * coordinates[self.temperatures]) / self.T_scale
         xi[self.fractions[told]] = (STRAIN / w['eps_T'] * coordinates[self.fractions] / self.x_scale)[told]
         for name, at in self._replaced:
             of_one = self.free[at - self.unknowns.parameters.start]
             low, high = of_one.value(of_one.low), of_one.value(of_one.high)
             if name == 'wire.sigma_MW0':
-                value = STRESS * coordinates[at] - w['sigma_T'] * (room - w['T0'])
+                value = w['dsigma'] * coordinates[at] - w['sigma_T'] * (room - w['T0'])
             else:
-                value = 1.0 / max(STRAIN / STRESS * coordinates[at] * w['eps_T'] + 1.0 / w['E_A'], 1.0 / high)
+                value = 1.0 / max(STRAIN / w['dsigma'] * coordinates[at] * w['eps_T'] + 1.0 / w['E_A'], 1.0 / high)
             xi[at] = of_one.coordinate(min(max(value, low), high))
         return xi
 
