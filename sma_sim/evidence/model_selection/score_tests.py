@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache
 from itertools import product
 
 import numpy as np
@@ -217,7 +217,7 @@ def explained(probes: Sequence[Probe], responses: Matrix, residuals: Vector) -> 
     return gain, scale * amounts
 
 
-@lru_cache(256)
+@cache
 def one_side_each(parameters: tuple[str, ...]) -> tuple[NDArray[np.int64], ...]:
     """Sets of probes that may act together, the best of which has positive amounts: of each parameter one, up or down. By
     their size, (sets, size)."""
