@@ -528,8 +528,8 @@ def test_a_level_ends_where_the_best_of_all_leaves_nothing(monkeypatch, squares,
 
 @pytest.mark.parametrize(('left', 'restarted'), [(-1.0, 0), (1.0, 1)])
 def test_what_leaves_nothing_with_the_other_kinetics_is_in_no_wrong_valley(monkeypatch, left, restarted):
-    """Fits from further starts are for models that leave something with either of the kinetics."""
-    book, asked = Book(CATALOGUE, True), []
+    """Models that leave something with either of the kinetics are fitted from further starts; else the best with its own."""
+    book, asked, ended = Book(CATALOGUE, True), [], []
     book.add([model((), 500.0, kinetics, unlisted=9.0) for kinetics in ('hybrid', 'mas')])
     first = model(('gravity',), 100.0, 'hybrid', unlisted=5.0)
 
@@ -538,12 +538,14 @@ def test_what_leaves_nothing_with_the_other_kinetics_is_in_no_wrong_valley(monke
         return [model(('gravity',), 90.0, 'hybrid', unlisted=5.0)]
 
     monkeypatch.setattr(beam, 'extended', lambda *_: [first])
-    monkeypatch.setattr(beam, 'in_other_kinetics', lambda *_: model(('gravity',), 120.0, 'mas', unlisted=left))
+    monkeypatch.setattr(beam, 'in_other_kinetics', lambda *_: model(('gravity',), 80.0, 'mas', unlisted=left))
     monkeypatch.setattr(beam, 'further_fits', further)
+    monkeypatch.setattr(beam, 'restarted', lambda base, best, *_: ended.append((base, best.key[1])) or [])
     monkeypatch.setattr(beam, 'report_model', lambda *_: None)
     context = SimpleNamespace(stop=Event(), on_progress=lambda _: None)
     (found,) = beam.add_extended(book.ranked(0)[0], [component('gravity')], book, context)
     assert len(asked) == restarted and found.fit.squares == (90.0 if restarted else 100.0)
+    assert ended == ([] if restarted else [(book.models[frozenset(), 'mas'].fit, 'mas')])
 
 
 @pytest.mark.parametrize('k', [1.0, 3.0])

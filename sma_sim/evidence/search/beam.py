@@ -26,11 +26,13 @@ from sma_sim.evidence.search.refine import (
     further_fits,
     in_other_kinetics,
     model_of,
+    restarted,
     settled,
     without,
     without_difference,
 )
 from sma_sim.model.arrays import Matrix
+from sma_sim.model.config import MODELS
 
 MAX_COMPONENTS = 3  # of a model: it bounds the time of a search, and recordings of few runs seldom tell more
 PARENTS = 3  # models of a level that are extended
@@ -79,6 +81,10 @@ class Book:
     def find(self, names: frozenset[str]) -> Model | None:
         """The better of the models with these components."""
         return next((model for model in self.ranked(len(names)) if model.names == names), None)
+
+    def with_one_less(self, model: Model, kinetics: str) -> Model | None:
+        """The model without the last component of another, with these kinetics; None where there is none."""
+        return self.models.get((frozenset(one.name for one in model.components[:-1]), kinetics))
 
     def explains(self, models: Sequence[Model]) -> bool:
         """Whether one of some models leaves nothing, with either of the kinetics."""
@@ -287,8 +293,8 @@ def add_extended(
 ) -> list[Model]:
     """Add models with one component more, of those whose sketches come below the cost that others have `reached`.
 
-    The best are fitted from further starts (`restarts`) where all leave something, with either of the kinetics: one that
-    leaves nothing with the other ones lies in no wrong valley, it has the wrong kinetics.
+    The best are fitted from further starts (`restarts`) where all leave something, with either of the kinetics. Where the
+    best of all leaves nothing with the other ones it is fitted from them with these: those at hand are wrong, in any valley.
     """
     if not components or context.stop.is_set():
         return []
@@ -304,6 +310,11 @@ def add_extended(
         found = [book.models[model.key] for model in found]
         is_deeper = book.best.names == before.names and book.best.fit.cost < before.fit.cost - SAME_VALLEY
         try_kinetics(book, context, again=is_deeper)
+    elif restarts and book.best.key[1] != parent.key[1] and book.best.names in {model.names for model in found}:
+        best, fewer = book.best, book.with_one_less(book.best, book.best.key[1])
+        if fewer is not None:
+            limit = best.fit.cost + SAME_VALLEY
+            book.add([model_of(best.components, restarted(fewer.fit, best, limit, context), context)])
     for model in found:
         report_model('candidate', model.fit, context)
     return found
@@ -313,9 +324,8 @@ def try_kinetics(book: Book, context: SearchContext, again: bool = False) -> Non
     """The best model with the other kinetics, unless they were tried and it lies (`again`) no deeper since."""
     names = {key[0] for key in book.models if key[1] != book.best.key[1]}
     if book.kinetics and (again or book.best.names not in names) and not context.stop.is_set():
-        rest = frozenset(one.name for one in book.best.components[:-1])
-        fewer = next((one for one in book.ranked() if one.names == rest and one.key[1] != book.best.key[1]), None)
-        book.add([in_other_kinetics(book.best, fewer, context)])
+        other = next(one for one in MODELS if one != book.best.key[1])
+        book.add([in_other_kinetics(book.best, book.with_one_less(book.best, other), context)])
 
 
 def improve(size: int, book: Book, context: SearchContext) -> None:
