@@ -12,7 +12,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import sma_sim.gym
-from sma_sim import UserError
+from sma_sim import Config, UserError
 from sma_sim.gym import Posterior
 from sma_sim.solver.integrate import N_STEPS
 
@@ -71,7 +71,7 @@ def test_tolerances_are_those_of_what_is_observed(name):
     """
     actions = np.random.default_rng(6).uniform(-1.0, 1.0, (100, 4, 1)).astype(np.float32)
     seen, made = [], []
-    for further in ({}, {'rtol': 1e-8}):
+    for further in ({}, {'config': Config({'solver.rtol': 1e-8}, name.lower())}):
         robots = gymnasium.make_vec(f'sma_sim/{name}-v0', num_envs=4, **further).unwrapped
         robots.reset(seed=3)
         seen.append([])
