@@ -94,13 +94,13 @@ def test_a_sketch_ends_near_the_refit_for_a_part_of_its_runs(with_gravity, monke
     with ThreadPoolExecutor(1) as pool:
         named = [one for one in candidates_for(config()) if one.name == 'gravity']
         (gravity,) = screen(first.base.problem, first.base.z, named, pool)
-    counts, evaluate = Counter(), problem_module.weighted_residuals
+    counts, evaluate = Counter(), problem_module.residuals_of_all
 
     def counted(*arguments):
         counts['runs'] += 1
         return evaluate(*arguments)
 
-    monkeypatch.setattr(problem_module, 'weighted_residuals', counted)
+    monkeypatch.setattr(problem_module, 'residuals_of_all', counted)
     with ThreadPoolExecutor(1) as pool:
         (sketches,) = sketched(first.base, [gravity], SearchContext(pool, Event()))
         of_sketches = counts.pop('runs')
@@ -113,7 +113,7 @@ def test_a_sketch_ends_near_the_refit_for_a_part_of_its_runs(with_gravity, monke
 
 def test_sketches_that_cannot_come_below_others_are_given_up(with_gravity, monkeypatch):
     base = with_gravity[1].selection_steps[0].base
-    counts, evaluate = Counter(), problem_module.weighted_residuals
+    counts, evaluate = Counter(), problem_module.residuals_of_all
 
     def counted(*arguments):
         counts['runs'] += 1
@@ -122,7 +122,7 @@ def test_sketches_that_cannot_come_below_others_are_given_up(with_gravity, monke
     with ThreadPoolExecutor(1) as pool:
         context = SearchContext(pool, Event())
         screened = screen(base.problem, base.z, candidates_for(config()), pool)[:4]
-        monkeypatch.setattr(problem_module, 'weighted_residuals', counted)
+        monkeypatch.setattr(problem_module, 'residuals_of_all', counted)
         whole = sketched(base, screened, context)
         without = counts.pop('runs')
         found = sketched(base, screened, context, kept=1)
@@ -373,7 +373,7 @@ def test_nothing_missing_is_said():
 
 def test_what_no_effect_explains_is_unknown():
     """A shake of the angle that no effect of the library has anything of."""
-    runs = measured(seconds=20.0)
+    runs = measured(seconds=10.0)
     shaken = tuple(
         replace(one, channels={**one.channels, 'alpha': one.channels['alpha'] + 2e-3 * np.sin(7.0 * one.time**1.2)})
         for one in runs.recordings

@@ -88,7 +88,7 @@ def test_where_nothing_changes_nothing_is_said():
         ('joint_friction', {'M_c': 0.005}),
         ('sensor_jump', {'alpha': 0.002}),
         pytest.param('T_E', {'T_E': 3.0}, marks=pytest.mark.slow),
-        ('lost_wires', {'part': 0.1}),
+        pytest.param('lost_wires', {'part': 0.1}, marks=pytest.mark.slow),
     ],
 )
 def test_what_begins_is_named_with_its_instant_and_size(name, amounts):

@@ -2,9 +2,8 @@
 
 import json
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from threading import Event
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -187,13 +186,12 @@ class Verdict:
     names: tuple[str, ...] = ()
     set_up: tuple = ()
     together: object = None
-    posterior: object = field(default_factory=lambda: SimpleNamespace(models=()))
 
 
 @pytest.mark.parametrize('verdict', ['unknown_effect', 'missing_effect', 'none'])
 def test_held_out_runs_are_searched_too_where_the_others_do_not_tell(verdict, monkeypatch):
-    def search(start, held_out, request, context, faults, known):
-        assert held_out is None and not request.equation and faults == () and known == []
+    def search(start, held_out, request, context, faults):
+        assert held_out is None and not request.equation and faults == ()
         return Verdict('missing_effect', tuple(recording.name for recording in start.dataset.recordings))
 
     monkeypatch.setattr(diagnose, 'search_effects', search)
