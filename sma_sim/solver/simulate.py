@@ -249,25 +249,6 @@ def simulate(
     return trajectory(model, log, asked, run, reason, notes, source)
 
 
-def sampled_channels(
-    model: Model,
-    source: Input,
-    times: Vector,
-    channels: Sequence[str],
-    max_steps: int,
-    begin: Run,
-    work: Work,
-    lines: Stretches | None = None,
-) -> Matrix:
-    """What sensor channels show at times (k,) [s], as (k, channels): what `simulate` samples, without names and notes.
-
-    For fits, which make thousands of runs: nothing is checked, `begin`, the state in which the run begins, becomes that in
-    which it ends, and `work` is scratch memory; `lines` take the place of the source (`smoothed_command`). Raises
-    SimulationError where the run does not come to its end.
-    """
-    return channels_of_all([model], source, times, channels, max_steps, begin, work, lines)[0]
-
-
 def channels_of_all(
     models: Sequence[Model],
     source: Input,
@@ -278,8 +259,13 @@ def channels_of_all(
     work: Work,
     lines: Stretches | None = None,
 ) -> list[Matrix]:
-    """As `sampled_channels`, of models that differ in effects which only show (`Effect.only_shows`): one run, that of the
-    first, serves all. No sensor of theirs has states."""
+    """What sensor channels of models show at times (k,) [s], as (k, channels) each: what `simulate` samples, without names.
+
+    For fits, which make thousands of runs. Models may differ in effects which only show (`Effect.only_shows`), without
+    states: one run, that of the first, serves all. Nothing is checked; `begin`, the state in which the run begins, becomes
+    that in which it ends, and `work` is scratch memory; `lines` take the place of the source (`smoothed_command`). Raises
+    SimulationError where the run does not come to its end.
+    """
     model, numbers, antagonistic = models[0], sampled_numbers(channels, models[0].structure), lines is None
     seen = seen_at(model, times, float(source.times[0]))
     if lines is None:

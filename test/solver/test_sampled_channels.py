@@ -9,7 +9,7 @@ from sma_sim.model.effects.ports import CHANNELS
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import package_structures
 from sma_sim.solver.inputs import Input
-from sma_sim.solver.simulate import channels_of_all, new_run, new_work, sampled_channels
+from sma_sim.solver.simulate import channels_of_all, new_run, new_work
 
 STRUCTURES = [package_structures()[name].structure for name in ('module', 'wire')]
 COLUMN = {
@@ -84,7 +84,7 @@ def test_models_that_differ_in_what_sensors_show_share_a_run(acting, source, kin
     models = [model_with('module', kinetics, acting), *(model_with('module', kinetics, (*acting, one)) for one in names)]
     arguments = (source, TIMES, models[0].structure.channels[:5], 100_000)
     together = channels_of_all(models, *arguments, *begin_of(models[0], source))
-    alone = [sampled_channels(model, *arguments, *begin_of(model, source)) for model in models]
+    alone = [channels_of_all([model], *arguments, *begin_of(model, source))[0] for model in models]
     for one, other in zip(together, alone, strict=True):
         assert np.array_equal(one, other)
     assert not any(np.array_equal(alone[0], other) for other in alone[1:])

@@ -18,7 +18,7 @@ from sma_sim.solver.effect_table import layout, state_scales
 from sma_sim.solver.inputs import Input
 from sma_sim.solver.integrate import C_LAST_JUMP, C_WIRES, PER_WIRE_CONTROLS, Run
 from sma_sim.solver.model import Model
-from sma_sim.solver.simulate import SimulationError, copy_of_run, new_run, new_work, sampled_channels
+from sma_sim.solver.simulate import SimulationError, channels_of_all, copy_of_run, new_run, new_work
 
 MAX_STEPS = 10_000_000  # of a run: no usual one comes near
 Change = tuple[float, int, float]  # from when on [s], which column of the input, its value
@@ -295,7 +295,7 @@ def sampled(model: Model, source: Input, times: Vector, state: Run | None) -> tu
     in which that ends. Raises SimulationError."""
     work = new_work(model)
     run = new_run(model, source.values[0], work) if state is None else copy_of_run(model, state)
-    return sampled_channels(model, source, times, model.structure.channels, MAX_STEPS, run, work), run
+    return channels_of_all([model], source, times, model.structure.channels, MAX_STEPS, run, work)[0], run
 
 
 def shifted(run: Run, by: float) -> Run:
