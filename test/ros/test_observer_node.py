@@ -53,12 +53,16 @@ def test_estimates_follow_a_robot_that_is_heated():
             command = one.publisher(Float64, 'J_eq')
             command.publish(Float64(data=10.0))
             one.until(lambda: one.seen['estimated/wire_1/temperature'][-1].temperature > 55.0)
-            estimates = {stamp(message): message for message in one.seen['estimated/wire_1/temperature']}
-            truths = {stamp(message): message.temperature for message in one.seen['true_temperature']}
-            both = sorted(estimates.keys() & truths.keys())
-            assert len(both) > 10
-            last = estimates[both[-1]]
-            assert abs(last.temperature - truths[both[-1]]) < 4.0 * last.variance**0.5 + 3.0
+
+            def estimates_and_truths():
+                """The observer skips samples where the computer is busy: those that have both."""
+                estimates = {stamp(message): message for message in one.seen['estimated/wire_1/temperature']}
+                truths = {stamp(message): message.temperature for message in one.seen['true_temperature']}
+                return [(estimates[at], truths[at]) for at in sorted(estimates.keys() & truths.keys())]
+
+            one.until(lambda: len(estimates_and_truths()) > 10)
+            last, truth = estimates_and_truths()[-1]
+            assert abs(last.temperature - truth) < 4.0 * last.variance**0.5 + 3.0
             assert 0.01 < last.variance < 400.0 and last.header.frame_id == 'wire_1'
             assert max(message.temperature for message in one.seen['estimated/wire_2/temperature']) < 30.0
             fractions, stresses = (one.seen[f'estimated/{name}'][-1] for name in ('phase_fractions', 'wire_stresses'))
