@@ -37,12 +37,13 @@ class PinnedSystems(NamedTuple):
 
 
 def pinned_systems(systems: Sequence[System | None], keep: Any, interpreted: bool) -> PinnedSystems:
-    """Systems behind addresses; `keep` is the compiled `pin_system`."""
+    """Systems behind addresses, one that comes several times behind a single one; `keep` is the compiled `pin_system`."""
     if interpreted:
         return PinnedSystems(np.array([0 if p is None else id(p) for p in systems], dtype=np.int64), tuple(systems))
-    memory = np.zeros((len(systems), RECORD_WORDS))
-    for p, own in zip(systems, memory, strict=True):
-        if p is not None:
-            keep(p, own)
-    addresses = [0 if p is None else own.ctypes.data for p, own in zip(systems, memory, strict=True)]
+    distinct = {id(p): p for p in systems if p is not None}
+    memory = np.zeros((len(distinct), RECORD_WORDS))
+    for p, own in zip(distinct.values(), memory, strict=True):
+        keep(p, own)
+    places = {one: memory.ctypes.data + k * memory.strides[0] for k, one in enumerate(distinct)}
+    addresses = [0 if p is None else places[id(p)] for p in systems]
     return PinnedSystems(np.array(addresses, dtype=np.int64), (*systems, memory))

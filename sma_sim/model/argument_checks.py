@@ -94,11 +94,19 @@ def alternatives(hint: Any) -> tuple[Any, ...]:
     return get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
 
 
+@lru_cache
+def parts_of(hint: Any) -> tuple[Any, tuple[Any, ...]]:
+    """What an annotated type is made of: its origin, None for a plain class, and its arguments."""
+    return get_origin(hint), get_args(hint)
+
+
 def is_like(value: Any, hint: Any) -> bool:
     """Whether a value is of an annotated type, as far as that can be told without reading arrays or iterators."""
-    origin, inner = get_origin(hint), get_args(hint)
+    if hint is float:
+        return is_number(value)
     if hint is Any:
         return True
+    origin, inner = parts_of(hint)
     if origin in (Union, UnionType):
         return any(is_like(value, one) for one in inner)
     if origin is tuple and inner[-1:] != (Ellipsis,):
@@ -111,8 +119,6 @@ def is_like(value: Any, hint: Any) -> bool:
         return value is not None  # `as_array` says what is no number
     if isinstance(origin, type) and issubclass(origin, Iterable):
         return is_like_several(value, inner[0] if inner else Any)
-    if hint is float:
-        return is_number(value)
     if hint is int:
         return isinstance(value, Integral) and not isinstance(value, bool)
     if hint is Executor:

@@ -108,7 +108,7 @@ class WireObserver:
     def _tell(self, time: int, column: int, value: float) -> None:
         """A column of the input has a value from a time [ns] on."""
         self._input[column] = value
-        self._observer.update(self._seconds(time), self._input[:-1], {}, self._input[-1])
+        self._observer.tell(self._seconds(time), self._input[:-1], {}, self._input[-1])
 
     def _seconds(self, time: int) -> float:
         return (time - self._begin) / 1e9

@@ -63,25 +63,32 @@ class Prediction:
                 f'system = {structure.name}: it is not moved by one heating command alone; expected a structure such as '
                 'module, lever, slider or coil'
             )
-        self.model, self.edges, self.times = model, np.asarray(edges, dtype=float), np.asarray(times, dtype=float)
+        self.edges, self.times = np.asarray(edges, dtype=float), np.asarray(times, dtype=float)
         self._begins = np.r_[0.0, self.times]  # of stretches, and the end of the last one
         self._level = np.searchsorted(self.edges[:-1], self._begins + 1e-9, side='right') - 1  # of each stretch
         self._uses_time = model.uses_time
         self._antagonistic, wires = model.compiled.antagonistic, model.wires
-        # Wires are heated each for itself: of an antagonistic pair, part of the power may be that of one wire alone.
-        self._p = own_scratch(model.compiled._replace(antagonistic=False))
+        self._sides = np.array([1.0, -1.0] if self._antagonistic else [1.0])
+        self._tangents: Tangents | None = None
+        self.follow(model)
         self._work = new_work(model)._replace(u=np.zeros(wires + 1), weight=tolerance * model.scales)
         self._limits = Limits(np.inf, MAX_STEPS, stall_step(model))
         count, k, size = self.levels, len(self.times), sample_columns(structure).size
-        same = own_scratch(self._p)
-        keep = package_compiler().function(pin_system)
-        self._records = pinned_systems([same] * count, keep, is_interpreted())
         self._integrate, self._follow = (package_compiler().function(one) for one in (integrate, follow_samples))
         empty, written = np.zeros(0), np.zeros(1, dtype=np.int64)
         self._silent = Log(np.zeros((0, 0)), empty, written, np.zeros((0, 3)), NO_NUMBERS)
         self._log = Log(np.zeros((k, size)), np.zeros(k), np.zeros(1, dtype=np.int64), np.zeros((0, 3)), NO_NUMBERS)
         self._rows = np.zeros((k, 1 + count, size))
-        self._tangents: Tangents | None = None
+
+    def follow(self, model: Model) -> None:
+        """Predict another model of the same structure and effects from now on, such as one whose parameters have moved."""
+        self.model = model
+        # Wires are heated each for itself: of an antagonistic pair, part of the power may be that of one wire alone.
+        self._p = own_scratch(model.compiled._replace(antagonistic=False))
+        same, keep = own_scratch(self._p), package_compiler().function(pin_system)
+        self._records = pinned_systems([same] * self.levels, keep, is_interpreted())
+        if self._tangents is not None:
+            self._tangents = self._tangents._replace(systems=self._records.addresses)
 
     @property
     def levels(self) -> int:
@@ -90,8 +97,8 @@ class Prediction:
 
     def heating(self, J: Vector, gains: Vector) -> Matrix:
         """Heating of the wires (..., wires) [W] by commands (...,) [W], each times its gain (wires,)."""
-        sides = np.stack([J, -J], axis=-1) if self._antagonistic else np.stack([J], axis=-1)
-        return np.maximum(sides, 0.0) * gains
+        found: Matrix = np.maximum(J[..., None] * self._sides, 0.0) * gains
+        return found
 
     def samples(self, time: float, run: Run, J: Vector, gains: Vector, T_E: float) -> Matrix:
         """Samples (k, size), where `solver.columns.sample_columns` says, from the state `run` at `time` [s] on.
@@ -115,7 +122,7 @@ class Prediction:
     def _run(self, call: Any, time: float, run: Run, J: Vector, gains: Vector, T_E: float, log: Log, *more: Any) -> None:
         values = np.full((len(self._begins), len(gains) + 1), T_E)
         values[:, :-1] = self.heating(J, gains)[self._level]
-        stretches = InputStretches(time + self._begins, values, np.zeros_like(values), self._uses_time)
+        stretches = InputStretches(time + self._begins, values, np.zeros(values.shape), self._uses_time)
         own = copy_of_run(self.model, run)
         own.control[C_H] = FIRST_STEP
         status = call(stretches, own, self._p, self._work, self._limits, log, *more)

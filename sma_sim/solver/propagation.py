@@ -119,6 +119,8 @@ class Propagation:
         self.unknowns = Unknowns(
             slice(0, n), slice(n, n + wires), slice(n + wires, first), slice(first, first + wires), first + wires
         )
+        self._uses_time, self._unit_states = model.uses_time, np.diag(self.scales)
+        self._of_wires = np.arange(wires)
         weight = TOLERANCE * self.scales
         weight[: 2 * len(structure.coordinates)] *= POSE_TOLERANCE / TOLERANCE
         self._work = new_work(model)._replace(u=np.zeros(wires + 1), weight=weight)
@@ -142,13 +144,13 @@ class Propagation:
         if rows not in self._tangents:
             self._tangents[rows] = self._new_tangents(run, rows)
         a, at = self._tangents[rows], self.unknowns
-        for i in range(self.model.wires):
-            a.value_shift[:, at.heating.start + i, i] = inputs[:, i]
+        wires = self._of_wires
+        a.value_shift[:, at.heating.start + wires, wires] = inputs[:, :-1]
         a.s[:] = 0.0
         a.r[:] = 0.0
         a.shift[:] = 0.0
-        a.s[:, at.states] = np.diag(self.scales)
-        a.r[:, at.fractions] = np.diag(np.where(run.state.mode == INNER, FRACTION_SCALE, 0.0))
+        a.s[:, at.states] = self._unit_states
+        a.r[wires, at.fractions.start + wires] = FRACTION_SCALE * (run.state.mode == INNER)
         return a
 
     def _new_tangents(self, run: Run, rows: int) -> Tangents:
@@ -164,7 +166,7 @@ class Propagation:
         """
         a, at = self._prepared(run, inputs), self.unknowns
         values = np.vstack([inputs, inputs[-1:]])
-        stretches = InputStretches(times, values, np.zeros_like(values), self.model.uses_time)
+        stretches = InputStretches(times, values, np.zeros_like(values), self._uses_time)
         run.count[N_STEPS] = 0
         run.control[C_H] = max(run.control[C_H], 1e-6)
         self._log.written[0] = 0

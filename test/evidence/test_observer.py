@@ -309,6 +309,14 @@ def test_what_is_too_late_is_counted_and_changes_nothing():
     assert one.too_late == 1 and np.array_equal(one.estimate.mean, before)
 
 
+def test_what_is_told_without_an_estimate_counts_the_same():
+    one, other = Observer(Config()), Observer(Config())
+    for k in range(30):
+        one.tell(0.04 * k, 8.0, {'F_1': 16.0 + 0.1 * k})
+        other.update(0.04 * k, 8.0, {'F_1': 16.0 + 0.1 * k})
+    assert np.array_equal(one.estimate.mean, other.estimate.mean) and one.parameters == other.parameters
+
+
 def test_missing_values_leave_the_prediction(robot):
     channels, T, _ = robot
     one, other = Observer(Config()), Observer(Config())

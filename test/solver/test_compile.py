@@ -206,8 +206,8 @@ def test_compiled_code_calls_by_address_and_reads_kept_records(tmp_path, monkeyp
     second = first._replace(factor=0.5, large=first.large._replace(table=2.0 * table, count=11))
     made, numbers = Compiler('own', (__name__, helpers.__name__, 'sma_sim.')), np.array([1.0, 2.0, 3.0, 4.0])
     native = made.native(sum_of_others, doubled)
-    kept = pinned_systems([first, second, None], made.function(pin_system), False)
-    assert kept.addresses[2] == 0 and len(set(kept.addresses.tolist())) == 3
+    kept = pinned_systems([first, second, None, first], made.function(pin_system), False)
+    assert kept.addresses[2] == 0 and kept.addresses[3] == kept.addresses[0] and len(set(kept.addresses.tolist())) == 3
     for like in (first, second):
         out = np.zeros(3)
         made.function(called_and_kept)(native.address, numbers, kept.addresses, like, out)

@@ -56,6 +56,18 @@ def test_a_prediction_leaves_the_run_where_it_is(warm):
     assert all(np.array_equal(*parts) for parts in zip(before, warm.run.state, strict=True))
 
 
+def test_a_prediction_that_follows_another_model_is_the_one_of_that_model(warm):
+    """As an observer learns parameters; what was prepared for the model before is not used any more."""
+    other = Model(Config().variant({'wire.lambda': 1.2 * Config().parameters['wire.lambda']}))
+    here = warm.time, warm.run, LEVELS, BOTH, T_E
+    one = Prediction(warm.model, EDGES, TIMES, 1e-3)
+    before = one.with_derivatives(*here)
+    one.follow(other)
+    anew = Prediction(other, EDGES, TIMES, 1e-3).with_derivatives(*here)
+    assert all(np.array_equal(*parts) for parts in zip(one.with_derivatives(*here), anew, strict=True))
+    assert not np.array_equal(before[0], anew[0])
+
+
 def test_state_of_an_observer_goes_on_as_its_forecast():
     observer = Observer(Config())
     observer.update(0.0, 10.0)

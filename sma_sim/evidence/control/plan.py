@@ -29,6 +29,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -124,7 +125,7 @@ class Problem:
         except SimulationError:
             return plan
         unit = np.eye(len(levels))
-        A = np.vstack([self.weights[:, None] * slopes[:, self.number], self.smoothness * (unit - np.eye(len(levels), k=-1))])
+        A = np.vstack([self.weights[:, None] * slopes[:, self.number], self.smoothness * self._changes])
         by_levels = slopes[:, self.limited] / self._units[:, None]
         room = (self.limits - samples[:, self.limited]) / self._units
         G = np.vstack([by_levels.reshape(-1, len(levels)), unit, -unit])
@@ -150,9 +151,17 @@ class Problem:
 
     def _residuals(self, samples: Matrix, levels: Vector) -> Vector:
         errors = self.weights * (samples[:, self.number] - self.wanted)
-        return np.concatenate([errors, self.smoothness * np.diff(levels, prepend=self.before)])
+        changes = self._changes @ levels
+        changes[0] -= self.before
+        return np.concatenate([errors, self.smoothness * changes])
 
-    @property
+    @cached_property
+    def _changes(self) -> Matrix:
+        """What makes of levels (levels,) their changes, the first one from 0."""
+        count = self.prediction.levels
+        return np.eye(count) - np.eye(count, k=-1)
+
+    @cached_property
     def _units(self) -> Vector:
         return np.repeat([T_SCALE, STRESS_SCALE], len(self.limited) // 2)
 
@@ -179,7 +188,8 @@ class Planner:
 
     def __init__(self, config: Config, iterations: int) -> None:
         structure, given = config.structure.structure, config.parameters
-        self._prediction = self._prediction_of(Model(config), given['control.horizon'])
+        edges, times = ([given['control.horizon'] * part for part in parts] for parts in (EDGES, TIMES))
+        self._prediction = Prediction(Model(config), edges, times, TOLERANCE)
         known = structure.coordinate_names
         self.coordinate = str(config.settings['control.coordinate']) or known[-1]
         if self.coordinate not in known:
@@ -215,7 +225,7 @@ class Planner:
         """
         given = self._given
         if self._prediction.model is not start.model:
-            self._prediction = self._prediction_of(start.model, given['control.horizon'])
+            self._prediction.follow(start.model)
         margins = given['guard.margin'] * np.concatenate([start.T_std, start.stress_std])
         problem = Problem(
             prediction=self._prediction,
@@ -264,9 +274,6 @@ class Planner:
         rest, gains = run_at_rest(model, T_E), np.ones(model.wires)
         self._prediction.samples(0.0, rest, self.levels, gains, T_E)
         self._prediction.with_derivatives(0.0, rest, self.levels, gains, T_E)
-
-    def _prediction_of(self, model: Model, horizon: float) -> Prediction:
-        return Prediction(model, [horizon * part for part in EDGES], [horizon * part for part in TIMES], TOLERANCE)
 
     def _constant_level(self, problem: Problem) -> Vector:
         """The constant level that keeps all limits and whose mean error is nearest to nil, by bisection.

@@ -62,8 +62,8 @@ class PredictiveController:
         measurements: Mapping[str, float] | None = None,
         T_E: float | None = None,
     ) -> None:
-        """Take what is known of a time, as `Observer.update` does; every command that was in force has to be told."""
-        self.observer.update(time, J_eq, measurements, T_E)
+        """Take what is known of a time, as `Observer.tell` does; every command that was in force has to be told."""
+        self.observer.tell(time, J_eq, measurements, T_E)
 
     def step(self, time: float, measurements: Mapping[str, float], target: Target) -> float:
         """The command [W] from `time` [s] on.

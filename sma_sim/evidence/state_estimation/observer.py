@@ -252,6 +252,17 @@ class Observer:
         PhysicsWarning
             Where the first value of a channel cannot be in its SI unit.
         """
+        self.tell(time, J_eq, measurements, T_E)
+        return self.estimate
+
+    def tell(
+        self,
+        time: float,
+        J_eq: float | Sequence[float] | None = None,
+        measurements: Mapping[str, float] | None = None,
+        T_E: float | None = None,
+    ) -> None:
+        """The same as `update` without an estimate, where nobody asks for one: `estimate` makes it when it is read."""
         expect('time', time, float)
         expect('measurements', measurements, Mapping[str, float] | None)
         ambient = None if T_E is None else as_kelvin('T_E', T_E)
@@ -266,7 +277,7 @@ class Observer:
             )
         if self._beliefs and time < self._beliefs[0][0].time - EARLIER:
             self.too_late += 1
-            return self.estimate
+            return
         at = bisect.bisect_right(self._events, time + EARLIER, key=lambda one: one.time)
         later = [event, *self._events[at:]]
         del self._events[at:], self._beliefs[at:]
@@ -275,7 +286,6 @@ class Observer:
             self._events.append(one)
             self._beliefs.append(self._after(one))
         self._forget()
-        return self.estimate
 
     def forecast(self, J_eq: float | Sequence[float] | None, times: Sequence[float]) -> list[Estimate]:
         """The wires at later `times` [s], from `time` on, under a heating that stays (None: that of now).
@@ -378,7 +388,7 @@ class Observer:
         of_wire = where.wires.start + PER_WIRE * np.arange(wires)
         self._outputs = np.concatenate([of_wire + WIRE_COLUMNS.index(name) for name in OUTPUTS])
         self._mode, self._length = (of_wire + WIRE_COLUMNS.index(name) for name in ('mode', 'length'))
-        self._least = np.repeat([LEAST_STD[name] for name in OUTPUTS], wires) ** 2
+        self._least = np.diag(np.repeat([LEAST_STD[name] for name in OUTPUTS], wires) ** 2)
 
     def _start(self, reference: Reference, time: float, heating: tuple[float, ...], T_E: float) -> Belief:
         """A robot at rest."""
@@ -434,8 +444,10 @@ class Observer:
 
     def _inputs(self, belief: Belief) -> Vector:
         """The heating of each wire [W] and T_E [K] of the run (wires + 1,)."""
-        gains, T_E = np.split(belief.reference.extra[len(self._free) :], [self._structure.wires])
-        return np.append(np.maximum(1.0 + gains, 0.0) * belief.heating, belief.T_E + T_E)
+        inputs = belief.reference.extra[len(self._free) :].copy()
+        inputs[:-1] = np.maximum(1.0 + inputs[:-1], 0.0) * belief.heating
+        inputs[-1] += belief.T_E
+        return inputs
 
     def _beside(self, belief: Belief) -> Vector:
         """What the estimate has more than the run (unknowns,)."""
@@ -448,6 +460,8 @@ class Observer:
         if time <= belief.time:
             return belief
         count = max(1, math.ceil((time - belief.time) / LONGEST_STEP - 1e-9))
+        if count == 1:
+            return self._step(belief, time)
         for end in np.linspace(belief.time, time, count + 1)[1:]:
             belief = self._step(belief, float(end))
         return belief
@@ -460,14 +474,15 @@ class Observer:
         except SimulationError:
             self.restarts += 1
             return self._start(self._first.reference, time, belief.heating, belief.T_E)
-        decay = np.exp(-self._decay * dt)
-        transition = np.diag(decay)
-        transition[: at.count, : at.count] = moved
-        transition[at.parameters.start : at.count] *= decay[at.parameters.start : at.count, None]
-        before = belief.covariance + np.diag(self._walk * dt)
-        covariance = transition @ before @ transition.T + self._stationary * (1.0 - np.outer(decay, decay))
+        decay, first, size = np.exp(-self._decay * dt), at.parameters.start, self._size
+        transition = np.zeros((size, size))
+        transition.flat[:: size + 1] = decay
+        transition[:first, : at.count] = moved[:first]
+        before = belief.covariance.copy()
+        before.flat[:: size + 1] += self._walk * dt
+        covariance = transition @ before @ transition.T + self._stationary * (1.0 - decay[:, None] * decay)
         mean = belief.mean * decay
-        mean[: at.parameters.start] = moved[: at.parameters.start] @ self._beside(belief)
+        mean[:first] = moved[:first] @ self._beside(belief)
         return belief._replace(time=time, run=run, mean=mean, covariance=covariance)
 
     def _seen(self, belief: Belief) -> tuple[Vector, Matrix]:
@@ -490,8 +505,10 @@ class Observer:
         H[np.arange(len(there)), biases] = 1.0
         innovation = measured[there] - sample[self._shown[there]] - belief.mean[biases]
         gained = belief.covariance @ H.T
-        expected = H @ gained + np.diag(self._noise[there] ** 2)
-        return innovation, innovation**2 / np.diag(expected), expected, gained
+        expected = H @ gained
+        variances = expected.reshape(-1)[:: len(there) + 1]  # its diagonal
+        variances += self._noise[there] ** 2
+        return innovation, innovation**2 / variances, expected, gained
 
     def _of_any_history(self, belief: Belief, measured: Vector) -> Belief:
         """What is believed of a robot before a first measurement (channels,), linearised about what it says."""
@@ -567,7 +584,7 @@ class Observer:
     def _corrected(self, belief: Belief, measured: Vector) -> Belief:
         """The belief after a measurement (channels,), NaN where there is none."""
         innovation, squares, expected, gained = self._innovation(belief, measured)
-        expected = expected + np.diag(np.diag(expected) * np.maximum(squares / LARGEST_INNOVATION**2 - 1.0, 0.0))
+        expected.reshape(-1)[:: len(squares) + 1] *= np.maximum(squares / LARGEST_INNOVATION**2, 1.0)
         gain = np.linalg.solve(expected, gained.T).T
         mean, covariance = belief.mean + gain @ innovation, belief.covariance - gain @ gained.T
         at = self._at.parameters
@@ -635,6 +652,8 @@ class Observer:
     def _estimate_of(self, beliefs: Hypotheses) -> Estimate:
         """Mean and covariance over all hypotheses; modes are those of the most probable one."""
         found = [self._estimate_by(one) for one in beliefs]
+        if len(found) == 1:
+            return found[0]
         weights = np.exp([one.log_evidence - beliefs[0].log_evidence for one in beliefs])
         weights /= weights.sum()
         means = np.array([one.mean for one in found])
@@ -647,7 +666,7 @@ class Observer:
     def _estimate_by(self, belief: Belief) -> Estimate:
         sample, derivatives = self._seen(belief)
         out = derivatives[self._outputs]
-        covariance = max(1.0, belief.inconsistency) * (out @ belief.covariance @ out.T + np.diag(self._least))
+        covariance = max(1.0, belief.inconsistency) * (out @ belief.covariance @ out.T + self._least)
         T, x_M, stress = sample[self._outputs].reshape(len(OUTPUTS), -1)
         values = belief.reference.propagation.model.config.parameters
         strain = np.array([one for one, _ in self._structure.strains(sample[self._length].tolist(), values)])

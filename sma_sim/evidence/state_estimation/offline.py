@@ -51,7 +51,7 @@ def observe_recording(recording: Recording, config: Config, unused: Collection[s
     for k, t in enumerate(recording.time.tolist()):
         while row < len(inputs.times) and inputs.times[row] <= t:
             *heating, T_E = inputs.values[row].tolist()
-            observer.update(float(inputs.times[row]), heating, {}, T_E)
+            observer.tell(float(inputs.times[row]), heating, {}, T_E)
             row += 1
         found.append(observer.update(t, None, {name: float(values[k]) for name, values in channels.items()}))
     means, stds = np.array([one.mean for one in found]), np.array([one.std for one in found])
