@@ -38,6 +38,10 @@ WORDS: Mapping[Any, str] = {
 LIKE: Mapping[Any, Any] = {Path: (str, os.PathLike), bool: (bool, np.bool_)}  # what is taken in place of a type
 Function = TypeVar('Function', bound=Callable[..., Any])
 MAX_SHOWN = 60  # characters of a value in a message
+DATES = {  # kinds of NumPy's types, and what makes seconds of them
+    'M': "for seconds write (t - t[0]) / numpy.timedelta64(1, 's')",
+    'm': "for seconds write t / numpy.timedelta64(1, 's')",
+}
 
 
 def checked(function: Function) -> Function:
@@ -150,8 +154,15 @@ def words_of(hint: Any) -> str:
 
 
 def as_array(name: str, value: Any, like: str = '') -> NDArray[np.float64]:
-    """An array of numbers. Raises UserError."""
+    """An array of numbers, NaN where a masked array has none. Raises UserError, for dates and complex numbers too."""
+    kind = value.dtype.kind if isinstance(getattr(value, 'dtype', None), np.dtype) else ''
+    if kind in DATES:  # NumPy would count their own units, such as nanoseconds
+        raise UserError(f'{name}: expected numbers{like and f" {like}"}, got {value.dtype}; {DATES[kind]}')
     try:
+        if kind == 'c' or np.iscomplexobj(value):  # NumPy would drop the imaginary parts
+            raise TypeError
+        if isinstance(value, np.ma.MaskedArray):  # NumPy would take what is masked for measured
+            return np.ma.filled(value.astype(float), np.nan)
         return np.asarray(value, dtype=float)
     except (TypeError, ValueError) as error:
         raise UserError(f'{name}: expected numbers{like and f" {like}"}, got {shown(value)}') from error

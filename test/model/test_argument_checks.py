@@ -9,8 +9,8 @@ from typing import Any, Protocol
 import numpy as np
 import pytest
 
-from sma_sim import Config, UserError
-from sma_sim.model.argument_checks import as_folders, as_kelvin, check_fields, checked, expect, is_like
+from sma_sim import Config, Recording, UserError, module_input
+from sma_sim.model.argument_checks import as_array, as_folders, as_kelvin, check_fields, checked, expect, is_like
 
 Vector = np.typing.NDArray[np.float64]
 Pair = tuple[float, float]
@@ -132,3 +132,32 @@ def test_folders_and_kelvin():
             as_kelvin('T_E', wrong)
     with ThreadPoolExecutor(1) as pool:
         expect('executor', pool, Executor | None)
+
+
+def test_what_is_masked_is_missing():
+    """NumPy itself takes the number behind the mask: a fit would follow values that its user has ruled out."""
+    masked = np.ma.masked_array([1, 900, 3], [False, True, False])
+    assert np.array_equal(as_array('x', masked), [1.0, np.nan, 3.0], equal_nan=True) and masked.data[1] == 900
+    time = np.arange(3.0)
+    command = module_input([0.0, 2.0], [0.0, 0.0])
+    shown = Recording('a', 'module', time, {'alpha': np.ma.masked_array([0.0, 9.0, 0.0], time == 1.0)}, command)
+    assert np.isnan(shown.channels['alpha']).tolist() == [False, True, False]
+    with pytest.raises(UserError, match='must be finite'):
+        module_input([0.0, 1.0, 2.0], masked)
+
+
+DATES = np.array(['2026-01-01', '2026-01-02'], 'datetime64[ns]')
+
+
+@pytest.mark.parametrize(
+    ('value', 'words'),
+    [
+        (DATES, r"got datetime64\[ns\]; for seconds write \(t - t\[0\]\) / numpy.timedelta64\(1, 's'\)$"),
+        (DATES - DATES[0], r"got timedelta64\[ns\]; for seconds write t / numpy.timedelta64\(1, 's'\)$"),
+        (np.array([1.0, 2.0j]), 'got ndarray$'),
+        ([1.0, 2.0j], r'got \[1.0, 2j\]$'),
+    ],
+)
+def test_what_numpy_would_make_other_numbers_of_is_refused(value, words):
+    with pytest.raises(UserError, match=f'x: expected numbers, {words}'):
+        as_array('x', value)
