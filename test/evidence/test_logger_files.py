@@ -1,6 +1,7 @@
 """Files as loggers, instruments and programs write them: read as the plain table is, or refused with the cure."""
 
 import gzip
+import re
 
 import numpy as np
 import pytest
@@ -513,3 +514,37 @@ def test_sessions_of_a_minute_are_no_clock(tmp_path):
     times = np.tile(np.arange(0.0, 60.0, 0.5), 2)
     content = 'time_s,J_W,position_m\n' + ''.join(f'{t},0,{1e-3 * np.sin(t):.9f}\n' for t in times)
     assert len(written(tmp_path, content, '')) == 2
+
+
+TWO_RATES = 'Time,Power,Way,{second},Temp\n' + rows(
+    lambda k, t, p, x: f'{t},{p},{x:.12f},' + (f'{TIME[5 * k] + 0.01:.2f},{20 + k}' if 5 * k < COUNT else ',')
+)
+
+
+@pytest.mark.parametrize('second', ['Time2', 'Time.1', 'Zeit [s]'])
+def test_a_channel_of_another_rate_is_not_placed_by_the_time_of_the_others(tmp_path, second):
+    """It would be over in a fifth of the time."""
+    content = TWO_RATES.format(second=second)
+    with pytest.raises(UserError, match=f'Temp: has values in 40 rows.*time: {re.escape(second)}}}, or say time: Time'):
+        written(tmp_path, content, FOREIGN + 'T_K: {column: Temp, offset: 273.15}\n')
+    way = FOREIGN + f'T_K: {{column: Temp, offset: 273.15, time: "{second}"}}\n'
+    (recording,) = written(tmp_path, content, way)
+    known = np.isfinite(recording.channels['T'])
+    assert np.allclose(recording.time[known], TIME[::5] + 0.01)
+    assert np.allclose(recording.channels['T'][known], 293.15 + np.arange(40))
+    known = np.isfinite(recording.channels['position'])
+    assert np.allclose(recording.time[known], TIME) and np.allclose(recording.channels['position'][known], POSITION)
+    assert np.array_equal(recording.source.values[:, 0], written(tmp_path, PLAIN, '')[0].source.values[:, 0])
+
+
+def test_a_channel_that_ends_early_has_the_time_of_the_others_where_a_map_says_so(tmp_path):
+    way = FOREIGN + 'T_K: {column: Temp, offset: 273.15, time: Time}\n'
+    (recording,) = written(tmp_path, TWO_RATES.format(second='Time2'), way)
+    assert np.allclose(recording.time[np.isfinite(recording.channels['T'])], TIME[:40])
+
+
+def test_a_command_has_no_time_of_its_own(tmp_path):
+    with pytest.raises(UserError, match='time belongs to measured columns, position_m, .*not to J_W'):
+        written(
+            tmp_path, TWO_RATES.format(second='Time2'), FOREIGN.replace('J_W: Power', 'J_W: {column: Power, time: Time2}')
+        )

@@ -21,6 +21,7 @@ from sma_sim.model.shown import listed
 ENTRY_KEYS = ('column', 'value', 'scale', 'offset', 'exponent', 'zero_std', 'drift_std', 'floor', 'relative_std')
 POSITIVE_KEYS = ENTRY_KEYS[4:]
 TIMES, NANOSEC, STD, WHERE = 'times', 'nanosec', 'std', 'where'  # keys of an entry that name other columns
+TIME = 'time'  # likewise: the times of a column that was not sampled with the others
 INDEPENDENT_AFTER, NUISANCES = 'independent_after', 'nuisances'  # keys of the whole map: [s]; effects
 PACE_KEYS = ('path', 'rate')
 INTERVAL = 'interval'  # key of time_s: [s] between rows, where no column holds the time
@@ -33,7 +34,8 @@ class Origin:
     """Where a column of the contract comes from: ``scale * column**exponent * times + offset``, or the constant `value`.
 
     `times` is another column, such as a current beside a voltage; `nanosec` one that counts the nanoseconds of a time in
-    seconds. In a long table, `where` says which rows hold the column: names of other columns, each with its cell.
+    seconds; `time` one that says when the column was sampled, where that was not with the others, in the unit of `time_s`.
+    In a long table, `where` says which rows hold the column: names of other columns, each with its cell.
 
     What is known of a measured column beside the noise of its samples, in its SI unit: its zero differs from recording to
     recording by `zero_std` and drifts by `drift_std` within one, and repeated experiments differ by `floor`. The noise is
@@ -57,6 +59,7 @@ class Origin:
     floor: float = 0.0
     std: str | None = None
     relative_std: float = 0.0
+    time: str | None = None
 
     @property
     def converts(self) -> bool:
@@ -66,7 +69,7 @@ class Origin:
     @property
     def columns(self) -> tuple[str, ...]:
         """Columns of the file whose numbers are taken."""
-        return tuple(name for name in (self.column, self.times, self.nanosec, self.std) if name is not None)
+        return tuple(name for name in (self.column, self.times, self.nanosec, self.std, self.time) if name is not None)
 
     @property
     def unknown(self) -> tuple[float, float, float]:
@@ -207,7 +210,7 @@ def parsed_origin(path: Path, name: str, entry: Any, names: Sequence[str]) -> Or
         raise UserError(f'{where}: expected the name of a column, got {column}: YAML reads on, off, yes and no so; quote it')
     if not isinstance(entry, dict) or ('column' in entry) == ('value' in entry):
         raise UserError(f'{where}: expected {{column: NAME, scale: 1, offset: 0}} or {{value: 1.0}}, got {entry!r}')
-    keys = (*ENTRY_KEYS, TIMES, NANOSEC, STD, WHERE)
+    keys = (*ENTRY_KEYS, TIMES, NANOSEC, STD, TIME, WHERE)
     wrong = [key for key in entry if key not in keys]
     if wrong:
         raise UserError(f'{where}: unknown {wrong[0]!r}; expected some of {", ".join(keys)}')
@@ -230,6 +233,7 @@ def parsed_origin(path: Path, name: str, entry: Any, names: Sequence[str]) -> Or
         times=others.get(TIMES),
         nanosec=others.get(NANOSEC),
         std=others.get(STD),
+        time=others.get(TIME),
         where=rows_where(where, entry),
     )
     known: dict[str, Any] = {**numbers}
@@ -237,13 +241,15 @@ def parsed_origin(path: Path, name: str, entry: Any, names: Sequence[str]) -> Or
 
 
 def other_columns(where: str, name: str, entry: Mapping[str, Any]) -> dict[str, str]:
-    """The second column of a product, that of nanoseconds, and that of the noise. Raises UserError."""
-    found = {key: entry[key] for key in (TIMES, NANOSEC, STD) if key in entry}
+    """The second column of a product, that of nanoseconds, that of the noise and that of times. Raises UserError."""
+    found = {key: entry[key] for key in (TIMES, NANOSEC, STD, TIME) if key in entry}
     for key, column in found.items():
         if not isinstance(column, str):
             raise UserError(f'{where}, {key}: expected the name of a column, got {column!r}')
     if NANOSEC in found and name != 'time_s':
         raise UserError(f'{where}: {NANOSEC} belongs to time_s')
+    if TIME in found and (name == 'time_s' or STD in found):
+        raise UserError(f'{where}: {TIME} is of a measured column whose rows have one noise')
     if STD in found and (TIMES in found or entry.get('exponent', 1) != 1):
         raise UserError(f'{where}: {STD} is the noise of one column, not of a product or a power')
     return found

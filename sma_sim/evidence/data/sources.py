@@ -24,6 +24,7 @@ from sma_sim.evidence.data.foreign_columns import (
     map_line,
     unit_of,
 )
+from sma_sim.evidence.data.own_times import at_own_times, check_times
 from sma_sim.evidence.data.recording import HIDDEN_COLUMN, NEEDED_COLUMNS, STD_SUFFIX, OfSystems
 from sma_sim.evidence.data.rosbag.bag_files import is_bag
 from sma_sim.evidence.data.rosbag.commands import CommandLimits
@@ -125,7 +126,7 @@ def read_csv_source(path: Path, system: str, mapping: ColumnMap) -> tuple[Column
     if time is not None and reader is not None:
         if origins['time_s'].converts:
             raise UserError(f'{path}, column {time}: dates need no scale; name the column in the map alone: time_s: {time}')
-        conversions[time] = reader
+        conversions |= dict.fromkeys([time, *(entry.time for entry in origins.values() if entry.time)], reader)
     layout = CellLayout(path, needed, indices, written, tolerant=True, conversions=conversions)
     cells, cut = read_cells(layout)
     check_doubled(layout, cells)
@@ -140,6 +141,8 @@ def read_csv_source(path: Path, system: str, mapping: ColumnMap) -> tuple[Column
             notes.append(
                 f'{time} goes on by 1 from row to row, taken as 1 s: if it numbers the rows, a map says how long one lasts'
             )
+    if unused:
+        check_times(path, origins, cells, unused, partial(numbers_in, layout))
     rows = len(next(iter(cells.values())))
     users = [entry.column for entry in origins.values()]
     columns = {name: column_in_si(entry, cells, rows) for name, entry in origins.items()}
@@ -155,7 +158,7 @@ def read_csv_source(path: Path, system: str, mapping: ColumnMap) -> tuple[Column
     for name, entry in origins.items():
         if users.count(entry.column) > 1 and columns[name] is cells.get(entry.column or ''):
             columns[name] = columns[name].copy()  # two columns of one origin must not share repairs
-    return columns, notes
+    return at_own_times(path, origins, cells, columns, known_structures()[system].channel_columns), notes
 
 
 def noise_of_rows(path: Path, system: str, origins: Mapping[str, Origin], cells: Columns) -> Columns:
@@ -199,11 +202,17 @@ def check_doubled(layout: CellLayout, cells: Mapping[str, Vector]) -> None:
 
 def is_column(layout: CellLayout, name: str, index: int, values: Vector) -> bool:
     """Whether the column at an index has these values (k,)."""
+    found = numbers_in(layout, name, index)
+    return found is not None and np.array_equal(found, values, equal_nan=True)
+
+
+def numbers_in(layout: CellLayout, name: str, index: int | None = None) -> Vector | None:
+    """The column of a name, or at an index, (k,); None where it holds something else than numbers."""
+    at = layout.format.header.index(name) if index is None else index
     try:
-        (found,) = read_cells(replace(layout, names=[name], indices=[index]))[0].values()
+        return read_cells(replace(layout, names=[name], indices=[at]))[0][name]
     except UserError:
-        return False
-    return np.array_equal(found, values, equal_nan=True)
+        return None
 
 
 def check_header(path: Path, header: Sequence[str]) -> None:

@@ -1,0 +1,86 @@
+"""Columns of a table that were sampled at times of their own, as where a logger writes channels of two rates side by side.
+
+A table of two rates has a column of time for each, and the shorter ones end early. Read by the time of the other rate, a
+channel would be compressed or stretched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from sma_sim.evidence.data.column_map import Origin, column_in_si
+from sma_sim.model.arrays import Vector
+from sma_sim.model.errors import UserError
+
+Columns = dict[str, Vector]
+
+
+def check_times(
+    path: Path,
+    origins: Mapping[str, Origin],
+    cells: Mapping[str, Vector],
+    unused: Iterable[str],
+    read: Callable[[str], Vector | None],
+) -> None:
+    """Raise UserError where a column has values in exactly the rows of one that grows all along and is not taken, a time of
+    its own, and not in those of the time that is.
+
+    `cells` (k,) are what is taken of the file; `read` returns an `unused` column (k,), None for one that is no numbers.
+    """
+    time = origins['time_s'].column
+    if time is None:
+        return
+    rows = np.isfinite(cells[time])
+    apart = {
+        name: known
+        for name, entry in origins.items()
+        if name != 'time_s' and entry.column is not None and not entry.where and entry.time is None
+        if not np.array_equal(known := np.isfinite(cells[entry.column]), rows)
+        if known.any() and known[: known.sum()].all()
+    }
+    for other in unused if apart else ():
+        values = read(other)
+        if values is None:
+            continue
+        known = np.isfinite(values)
+        if not (np.diff(values[known]) > 0.0).all() or np.array_equal(values[known], cells[time][known]):
+            continue
+        for name in (one for one, of_values in apart.items() if np.array_equal(of_values, known)):
+            column = origins[name].column
+            raise UserError(
+                f'{path}, column {column}: has values in {int(known.sum())} rows, as {other} has, not in those of {time}: '
+                f'is {other} its time? Say so in a map, {name}: {{column: {column}, time: {other}}}, or say time: {time}'
+            )
+
+
+def at_own_times(
+    path: Path, origins: Mapping[str, Origin], cells: Mapping[str, Vector], columns: Columns, measured: Iterable[str]
+) -> Columns:
+    """The columns by the names of the contract, those with a time of their own in rows of their own, in the order of time.
+
+    Raises UserError for columns that are not `measured`, and where times go back: sessions cannot be told apart then.
+    """
+    time = origins['time_s']
+    own = {name: entry.time for name, entry in origins.items() if entry.time not in (None, time.column)}
+    if not own:
+        return columns
+    if wrong := [name for name in own if name not in set(measured)]:
+        raise UserError(f'{path}: time belongs to measured columns, {", ".join(measured)}, not to {wrong[0]}')
+    parts = [{name: values for name, values in columns.items() if name not in own}]
+    for other in dict.fromkeys(own.values()):
+        at = column_in_si(replace(time, column=other), cells, len(columns['time_s']))
+        parts.append({'time_s': at} | {name: columns[name] for name, of in own.items() if of == other})
+    parts = [{name: values[np.isfinite(part['time_s'])] for name, values in part.items()} for part in parts]
+    for part in parts:
+        if (np.diff(part['time_s']) < 0.0).any():
+            raise UserError(f'{path}: times go back; expected one session where columns have a time of their own')
+    counts = [len(part['time_s']) for part in parts]
+    order = np.argsort(np.concatenate([part['time_s'] for part in parts]), kind='stable')
+    return {
+        name: np.concatenate([part.get(name, np.full(n, np.nan)) for part, n in zip(parts, counts, strict=True)])[order]
+        for name in columns
+    }
