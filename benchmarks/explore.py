@@ -10,6 +10,7 @@ which one slider moves every ten seconds.
 from __future__ import annotations
 
 import argparse
+import os
 import subprocess
 import sys
 import tempfile
@@ -61,6 +62,12 @@ def memory_of(pid: int) -> float:
     return found + sum(float(line.split()[1]) / 1024.0 for line in lines if line.startswith('VmRSS'))
 
 
+def processor_of(pid: int) -> float:
+    """Processor time of a process and all that it has started and that have ended [s]."""
+    words = (Path('/proc') / str(pid) / 'stat').read_text().rpartition(')')[2].split()
+    return sum(map(int, words[11:15])) / os.sysconf('SC_CLK_TCK')
+
+
 def until(browser: Any, script: str, longest: float = 300.0) -> None:
     """Wait until a script is true."""
     end = time.monotonic() + longest
@@ -96,8 +103,10 @@ def moved(browser: Any, moves: int) -> list[float]:
 
 def take(browser: Any, stage: str) -> None:
     """Take a step by its button, and wait for its end."""
+    until(browser, f'document.querySelector("[data-begin={stage}]") !== null')
     browser.execute_script(f'document.querySelector("[data-begin={stage}]").click()')
-    until(browser, f'smaExplore.state.steps.stages.find((one) => one.stage === "{stage}").job?.state === "done"')
+    job = 'candidates' if stage == 'candidates' else f'stages.find((one) => one.stage === "{stage}").job'
+    until(browser, f'smaExplore.state.steps.{job}?.state === "done"')
 
 
 def heap(browser: Any) -> float:
@@ -132,8 +141,14 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
 def measured_session(browser: Any, pid: int, arguments: argparse.Namespace) -> dict[str, Any]:
     """Latency and memory of an open session."""
     rows: dict[str, Any] = {}
-    for stage in ('check', 'compare'):
+    seconds, before = {}, processor_of(pid)
+    for stage in ('check', 'compare', 'candidates'):
+        begin = time.perf_counter()
         take(browser, stage)
+        after = processor_of(pid)
+        seconds[stage] = {'wall_s': time.perf_counter() - begin, 'processor_s': after - before}
+        before = after
+    rows['steps'] = seconds
     browser.execute_script('document.getElementById("tab-parameters").click()')
     for view, words in (('model', 'the model alone'), ('data', 'beside three recordings of 5,000 samples and 5 channels')):
         browser.execute_script(

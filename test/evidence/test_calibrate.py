@@ -1,7 +1,11 @@
 """Calibration: known parameters come back, models are told apart, work is spread, wrong use is said."""
 
+import os
+import pickle
+import shutil
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,9 +29,11 @@ from sma_sim import (
     wire_input,
 )
 from sma_sim.challenge.make import RecordingPlan, make_challenge
+from sma_sim.evidence.estimation import levenberg_marquardt
 from sma_sim.evidence.estimation.executors import PickledConfig, dask_executor, workers_of
 from sma_sim.evidence.estimation.free_parameters import choose_free
 from sma_sim.evidence.model_selection.candidates import with_effect
+from sma_sim.model.effects.discovery import ActiveEffect
 
 OFF = {
     'wire__sigma_T': 1.08,
@@ -199,6 +205,46 @@ def test_dask_cluster(small):
         assert workers_of(executor) == 2
         found = calibrate(small, config(), FEW, executor)
     assert found.values == expected.values
+
+
+class Travelling(ThreadPoolExecutor):
+    """Threads whose tasks and results are pickled, as those of a cluster are; keeps the size of results [bytes]."""
+
+    def __init__(self):
+        super().__init__(2)
+        self.sizes = []
+
+    def submit(self, work, *arguments):
+        return super().submit(self._work, pickle.dumps((work, arguments)))
+
+    def _work(self, task):
+        work, arguments = pickle.loads(task)
+        made = pickle.dumps(work(*arguments))
+        self.sizes.append(len(made))
+        return pickle.loads(made)
+
+
+def test_runs_of_a_campaign_send_what_their_derivatives_sum_to(small, monkeypatch):
+    """Where derivatives are too large to be kept: neither they nor residuals travel, nor wait in the memory."""
+    monkeypatch.setattr(levenberg_marquardt, 'MAX_KEPT', 0)
+    options = replace(FEW, intervals=False)
+    with Travelling() as executor:
+        found = calibrate(small, config(), options, executor)
+    assert found.values == calibrate(small, config(), options).values
+    size = 8 * len(small.recordings[0].time)  # of one channel of residuals
+    assert len(executor.sizes) > 10 and np.mean([one < size for one in executor.sizes]) > 0.9
+
+
+def test_a_worker_reads_a_configuration_once_for_all_runs(tmp_path):
+    """And again after a file of it was edited."""
+    example = Path(__file__).resolve().parents[2] / 'examples' / 'own_effect' / 'harness.py'
+    file = Path(shutil.copy(example, tmp_path))
+    harness = ActiveEffect(find_effects(tmp_path)['harness'], (0.2, 0.0, 0.0))
+    given = PickledConfig(config().variant(effects=(harness,)))
+    first, again = (pickle.loads(pickle.dumps(given)) for _ in range(2))
+    assert again is first and first.config.effects[0].values == harness.values
+    os.utime(file, ns=(0, 0))
+    assert pickle.loads(pickle.dumps(given)) is not first
 
 
 def test_no_scheduler_is_said():

@@ -27,7 +27,7 @@ from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, free_parameter
 from sma_sim.evidence.estimation.held_out_prediction import RunFit, pooled_error
 from sma_sim.evidence.estimation.prepared_fit import prepare
-from sma_sim.evidence.estimation.problem import LinearizedRun, cost_at
+from sma_sim.evidence.estimation.problem import LinearizedRun, cost_of, costs_at, residuals_at
 from sma_sim.evidence.estimation.residuals import Nuisance, compared
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import SETTLED
@@ -35,7 +35,6 @@ from sma_sim.evidence.estimation.uncertainty import (
     RULED_OUT,
     Interval,
     checked_by_runs,
-    costs_at,
     interval,
     uncertainty,
     with_other_minima,
@@ -153,7 +152,8 @@ def test_costs_of_many_points_are_those_of_each(robust):
     first = np.zeros(len(problem.unknowns))
     points = [first, first + 0.3, first - 2.0]
     with ThreadPoolExecutor(2) as pool:
-        found, expected = costs_at(problem, points, pool), [cost_at(problem, z, pool) for z in points]
+        found = costs_at(problem, points, pool)
+        expected = [cost_of(problem, residuals_at(problem, z, pool), z) for z in points]
     assert found == pytest.approx(expected) and len({round(cost, 3) for cost in found}) == 3
 
 

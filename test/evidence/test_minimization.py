@@ -31,7 +31,7 @@ from sma_sim.evidence.estimation.problem import (
     SOLVER_ERROR,
     LinearizedRun,
     better_steps,
-    cost_at,
+    cost_of,
     feasible,
     measured_steps,
     normal_equations,
@@ -93,12 +93,22 @@ def linearize(problem, z, *_):
     return found
 
 
+def cost_at(problem, z, executor=None):
+    return cost_of(problem, residuals_at(problem, z, executor), z)
+
+
+def normal_parts(problem, z, *_):
+    return [normal_equations(run, problem.robust) for run in linearize(problem, z)]
+
+
 @pytest.fixture
 def curves(monkeypatch):
     """Data with noise; the module under test sees these residuals in place of simulations."""
     for module in (levenberg_marquardt, problem_module):
         monkeypatch.setattr(module, 'residuals_at', residuals_at)
         monkeypatch.setattr(module, 'linearized_in_turn', linearize)
+        monkeypatch.setattr(module, 'cost_at', cost_at)
+        monkeypatch.setattr(module, 'normal_parts', normal_parts)
     random = np.random.default_rng(2)
     truth = np.array([[np.exp(-1.3 * TIMES) + 0.4 * TIMES + c] for c in (0.2, -0.7)])[:, 0]
     return Curves(truth + 0.1 * random.normal(size=(2, len(TIMES))))
@@ -161,10 +171,10 @@ def test_how_much_of_a_prediction_must_come_true(curves, monkeypatch, share, sai
     first = bounded_step(model[1], model[2], 1.0, *(limit - z for limit in curves.limits()))
     expected = -float(model[1] @ first + 0.5 * first @ model[2] @ first)
 
-    def shown(_, __, at):
+    def shown(_, at, __):
         return model[0] - share * expected if np.allclose(at, z + first) else 0.0
 
-    monkeypatch.setattr(levenberg_marquardt, 'cost_of', shown)
+    monkeypatch.setattr(levenberg_marquardt, 'cost_at', shown)
     step, gained, damping = damped_step(curves, z, model, 1.0, 0.0, None)
     if said is None:
         assert np.linalg.norm(step) < np.linalg.norm(first) and damping == pytest.approx(DAMPING_INCREASE / 10.0)
@@ -200,6 +210,10 @@ def simulated(monkeypatch):
     for module in (levenberg_marquardt, problem_module):
         monkeypatch.setattr(module, 'residuals_at', seen)
         monkeypatch.setattr(module, 'linearized_in_turn', lambda problem, z, *_: problem.linearized(z))
+        monkeypatch.setattr(module, 'cost_at', lambda problem, z, _: cost_of(problem, seen(problem, z, _), z))
+        monkeypatch.setattr(
+            module, 'normal_parts', lambda at, z, *_: [normal_equations(run, at.robust) for run in at.linearized(z)]
+        )
     return points
 
 
@@ -240,7 +254,8 @@ def test_a_bend_that_is_long_beside_its_step_is_not_tried(simulated, monkeypatch
 def test_a_step_that_nothing_shortens_enough_is_none(curves, monkeypatch):
     z = np.array([1.0, 0.3, 0.0, 0.0])
     model = quadratic_model(curves, linearize(curves, z), z)
-    monkeypatch.setattr(levenberg_marquardt, 'cost_of', lambda *_: np.inf)
+    for name in ('cost_of', 'cost_at'):
+        monkeypatch.setattr(levenberg_marquardt, name, lambda *_: np.inf)
     step, gained, damping = damped_step(curves, z, model, 1.0, -1.0, None)
     assert not step.any() and gained == 0.0 and MAX_DAMPING < damping <= MAX_DAMPING * DAMPING_INCREASE
     assert not minimize(curves, z, TO_THE_END, context()).converged

@@ -177,7 +177,6 @@ def test_where_the_error_is_far_below_the_noise_weights_grow(monkeypatch, errors
         return fit_of(given, left.pop(0), None)
 
     monkeypatch.setattr(calibration, 'full_problem', lambda *_: problem)
-    monkeypatch.setattr(calibration, 'residuals_at', lambda *_: [np.zeros((1, 1))])
     monkeypatch.setattr(calibration, 'continued_fit', continued)
     monkeypatch.setattr(calibration, 'cost_at', lambda given, *_: 0.5 * given.samples * errors[len(weights) - 1] ** 2)
     found = calibration.final_fit(None, fit_of(problem, 1.0), FitOptions(), SearchContext(None, Event()))

@@ -84,6 +84,19 @@ def test_fits_end_where_they_end_row_by_row(kind, pool):
     assert (np.abs(last.z - by_rows.z) < 0.3 * stds).all()
 
 
+def test_delay_and_starts_alone_are_not_estimated_row_by_row(pool):
+    """Beside a model whose parameters are kept: one minimisation comes as near as the last fit leaves open."""
+    model, dataset = fitted_loop('hybrid')
+    options, context, iterations = FitOptions(free=()), SearchContext(pool, Event()), []
+    problem = problem_for(dataset, model.config, options, 1)
+    found = minimize(problem, start_point(problem), FROM_PRIORS, context)
+    heard = replace(context, on_iteration=lambda _, iteration, __: iterations.append(iteration))
+    last = final_fit(dataset, found, options, heard)
+    assert iterations.count(0) == 1 and last.problem.runs[0].leeway is None
+    by_rows = minimize(last.problem, found.z, ALL_SAMPLES, context)
+    assert last.cost < by_rows.cost + 0.03 and np.abs(last.delay - by_rows.delay) < 1e-3
+
+
 def test_commands_are_smoothed_as_far_as_noise_hides_it(pool):
     """Of recordings without noise they are not, where that would be felt and gains no time."""
     model, dataset = fitted_loop('hybrid')

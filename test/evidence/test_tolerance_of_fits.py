@@ -28,7 +28,9 @@ VALUES = {
     'slider.b': 1.0129624942297804,
 }
 
-# The same at 1e-3; at 1e-5 it ends where the phases have exchanged their order.
+# The same at 1e-3; at 1e-5 it ends where the phases have exchanged their order. From FOUND_RTOL on, searches come to 1.5e-4,
+# where runs come to their end with values around these too; at others it is a matter of chance.
+FOUND_RTOL = 5e-7
 LOOSE = {
     'wire.E_A': 6091203297.379972,
     'wire.E_M': 23507511949.961704,
@@ -56,7 +58,7 @@ def heated(config, rtol):
 
 
 def test_a_fit_goes_on_at_a_looser_tolerance_where_runs_stall_at_that_of_a_search():
-    config = read_config(words=['system=slider', 'model=mas']).variant(LOOSE)
+    config = read_config(words=['system=slider', 'model=mas']).variant({**LOOSE, 'solver.rtol': FOUND_RTOL})
     dataset = Dataset((heated(config, LOOSEST_RTOL),), {'T': 0.05})
     found = calibrate(dataset, config, FitOptions(free=('wire.lambda',), starts=1, kinetics='mas'))
     assert found.error < 0.1 and SEARCH_RTOL < found.rtol <= LOOSEST_RTOL

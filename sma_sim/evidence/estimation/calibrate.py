@@ -46,7 +46,6 @@ from sma_sim.evidence.estimation.problem import (
     Problem,
     cost_at,
     feasible,
-    residuals_at,
     start_point,
 )
 from sma_sim.evidence.estimation.residuals import ZERO_STDS, FitData, fit_data, hidden_rtol, leeway_for
@@ -466,14 +465,11 @@ def final_fit(dataset: Dataset, fit: FitResult, options: FitOptions, context: Se
     At the tolerance of the search where its parameters, which may be implausible, let no run be made at a smaller one.
     """
     whole = full_problem(dataset, fit, options)
-    problem = whole.at_tolerance(FINAL_RTOL)
-    if any(residuals is None for residuals in residuals_at(problem, fit.z, context.pool)):
+    try:
+        found = fitted_to_all(whole.at_tolerance(FINAL_RTOL), fit, context)
+    except SimulationError:
         problem = whole.at_tolerance(fit.problem.config.parameters['solver.rtol'])
         return continued_fit(fit, problem, fit.z, ALL_SAMPLES, context, 'all samples')
-    smoothed = with_leeway(problem, problem.fitted(fit.z))
-    if any(run.leeway for run in smoothed.runs):  # comes near, for what few runs row by row cost
-        fit = continued_fit(fit, smoothed, fit.z, ALL_SAMPLES, context, 'all samples')
-    found = continued_fit(fit, problem, fit.z, ALL_SAMPLES, context, 'all samples')
     for sharper in SHARPER:
         if found.error * sharper > 10.0 * CLEAN or context.stop.is_set():
             break
@@ -481,6 +477,19 @@ def final_fit(dataset: Dataset, fit: FitResult, options: FitOptions, context: Se
         sharp = continued_fit(found, problem.weighted(sharper), found.z, ALL_SAMPLES, context, 'all samples, sharper')
         found = replace(sharp, problem=problem, cost=cost_at(problem, sharp.z, context.pool))
     return found
+
+
+def fitted_to_all(problem: Problem, fit: FitResult, context: SearchContext) -> FitResult:
+    """The fit continued on a problem with all samples: under smoothed commands first, where they change at every moment.
+
+    Raises SimulationError where the model cannot be run at its end.
+    """
+    smoothed = with_leeway(problem, problem.fitted(fit.z))
+    if any(run.leeway for run in smoothed.runs):  # comes near, for what few runs row by row cost
+        fit = continued_fit(fit, smoothed, fit.z, ALL_SAMPLES, context, 'all samples')
+        if not problem.free:  # delay and starts, which need no more, as those of runs that are predicted
+            return replace(fit, problem=problem)
+    return continued_fit(fit, problem, fit.z, ALL_SAMPLES, context, 'all samples')
 
 
 def final_calibration(dataset: Dataset, fit: FitResult, options: FitOptions, context: SearchContext) -> Calibration:

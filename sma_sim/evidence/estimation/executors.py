@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import pickle
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
@@ -21,6 +23,7 @@ from sma_sim.solver.model import Model
 
 Result = TypeVar('Result')
 Task = TypeVar('Task')
+RECENT = 64  # configurations that a worker keeps: those of a point and beside it, with up to so many unknowns
 
 
 @dataclass(frozen=True)
@@ -41,26 +44,27 @@ class PickledConfig:
 
     def __reduce__(self) -> tuple[Any, ...]:
         config = self.config
-        folders = {str(file.parent) for active in config.effects for file in active.found.files}
+        files = [file for active in config.effects for file in active.found.files]
+        folders = sorted({str(file.parent) for file in files})
+        changed = [file.stat().st_mtime_ns for file in (*files, *config.structure.files)]
         effects = [(active.found.effect.name, active.values) for active in config.effects]
-        kind = (config.system, config.kinetics, folders_of(config.structure))
-        return unpickled_config, (dict(config.parameters), kind, effects, sorted(folders))
+        kind = config.system, config.kinetics, folders_of(config.structure)
+        return unpickled_config, (pickle.dumps((dict(config.parameters), kind, effects, folders, changed)),)
 
 
-def unpickled_config(
-    parameters: dict[str, float],
-    kind: tuple[str, str, list[str]],
-    effects: list[tuple[str, tuple[float, ...]]],
-    folders: list[str],
-) -> PickledConfig:
-    """The configuration in the other process."""
-    system, model, homes = kind
+@lru_cache(RECENT)
+def unpickled_config(pickled: bytes) -> PickledConfig:
+    """The configuration in the other process: one for all runs of a campaign, so that its models are made once.
+
+    What is pickled has the times at which its files changed last too, so that one that was edited is read again.
+    """
+    parameters, (system, model, homes), effects, folders, _ = pickle.loads(pickled)
     own = find_structures([Path(home) for home in homes])[system] if homes else None
     config = Config(parameters, system, model, own_structure=own)
     if effects:
         found, names = find_effects([Path(folder) for folder in folders]), [name for name, _ in effects]
         found = effects_on(found, names, config.structure.structure, parameters)
-        config = replace(config, effects=tuple(ActiveEffect(found[name], tuple(values)) for name, values in effects))
+        config = replace(config, effects=tuple(ActiveEffect(found[name], values) for name, values in effects))
     return PickledConfig(config)
 
 

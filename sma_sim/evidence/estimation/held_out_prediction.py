@@ -11,10 +11,10 @@ from threading import Event
 import numpy as np
 
 from sma_sim.evidence.data.recording import Dataset
-from sma_sim.evidence.estimation.executors import executor_or_threads
+from sma_sim.evidence.estimation.executors import PickledConfig, executor_or_threads, in_turn
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize
 from sma_sim.evidence.estimation.prepared_fit import check_data
-from sma_sim.evidence.estimation.problem import START, SWITCH, Problem, residuals_at, start_point
+from sma_sim.evidence.estimation.problem import START, SWITCH, EvaluationTask, Problem, evaluate, start_point
 from sma_sim.evidence.estimation.residuals import (
     FitData,
     Nuisance,
@@ -99,13 +99,20 @@ def by_run(fits: Sequence[RunFit], channel: str) -> dict[str, float]:
     return {fit.name: fit.channel_errors[channel] for fit in fits if channel in fit.channel_errors}
 
 
+def run_errors(task: EvaluationTask) -> dict[str, float] | None:
+    """Normalized RMSE of one run at one point by channel; None where the model cannot be run."""
+    (residuals,) = evaluate(task)
+    return None if residuals is None else error_over_noise(residuals, task.run)
+
+
 def run_fits(problem: Problem, z: Vector, executor: Executor) -> tuple[RunFit, ...]:
     """Errors and nuisances of every run at z; infinite errors where the model cannot be run."""
-    config, fits = problem.fitted(z), []
-    residuals = residuals_at(problem, z, executor)
-    for run, indices, found in zip(problem.runs, problem.indices(), residuals, strict=True):
-        nuisance = problem.nuisance(run, z[indices])
-        errors = dict.fromkeys(run.channels, np.inf) if found is None else error_over_noise(found, run)
+    config, fits, pickled = problem.fitted(z), [], PickledConfig(problem.fitted(z))
+    nuisances = [problem.nuisance(run, z[indices]) for run, indices in zip(problem.runs, problem.indices(), strict=True)]
+    tasks = (EvaluationTask(run, ((pickled, nuisance),)) for run, nuisance in zip(problem.runs, nuisances, strict=True))
+    by_run = in_turn(executor, run_errors, tasks)  # residuals would not fit into the memory
+    for run, nuisance, found in zip(problem.runs, nuisances, by_run, strict=True):
+        errors = found or dict.fromkeys(run.channels, np.inf)
         initial = (
             with_start(run.on_bench(config), planned_run(run, nuisance)[0], nuisance.start).parameters
             if found is not None

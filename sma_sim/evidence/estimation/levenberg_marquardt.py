@@ -16,11 +16,13 @@ from sma_sim.evidence.estimation.problem import (
     QuadraticModel,
     accumulated,
     better_steps,
+    cost_at,
     cost_of,
     linearized_in_turn,
     measured_steps,
     near,
     normal_equations,
+    normal_parts,
     quadratic_model,
     residuals_at,
     robust_weights,
@@ -93,9 +95,10 @@ def minimize(problem: Problem, z: Vector, criteria: StopCriteria, context: Searc
     central, damping = criteria.central or problem.has_tangents, criteria.damping
     steps = measured_steps(problem, z, context.pool) if central else None
     for iteration in range(criteria.max_iterations):
-        runs = linearized_in_turn(problem, z, context.pool, steps, central)
-        linear = list(runs) if is_kept else []
-        parts = [normal_equations(run, problem.robust) for run in linear or runs]
+        linear = list(linearized_in_turn(problem, z, context.pool, steps, central)) if is_kept else []
+        parts = [normal_equations(run, problem.robust) for run in linear] or list(
+            normal_parts(problem, z, context.pool, steps, central)
+        )
         model = accumulated(parts, z, problem.tempering)
         cost = model[0]
         context.on_iteration(label, iteration, cost)
@@ -206,14 +209,14 @@ def damped_step(
         expected = -float(gradient @ step + 0.5 * step @ hessian @ step)
         if expected <= min_decrease:
             break
-        shown = residuals_at(problem, z + step, executor)
-        gained = cost - cost_of(problem, shown, z + step)
+        shown = residuals_at(problem, z + step, executor) if linear else ()
+        gained = cost - (cost_of(problem, shown, z + step) if linear else cost_at(problem, z + step, executor))
         if linear and np.isfinite(gained):
             pull = second_order_pull(linear, shown, step, problem.robust)
             bend = bounded_step(pull, hessian, damping, low - z - step, high - z - step)
             promised = -float((gradient + hessian @ step + pull) @ bend + 0.5 * bend @ hessian @ bend)
             if promised > min_decrease and 2.0 * float(np.linalg.norm(bend)) <= MAX_BEND * float(np.linalg.norm(step)):
-                more = cost - cost_of(problem, residuals_at(problem, z + step + bend, executor), z + step + bend)
+                more = cost - cost_at(problem, z + step + bend, executor)
                 if more > gained:
                     step, gained = step + bend, more
         if gained > 0.1 * expected:

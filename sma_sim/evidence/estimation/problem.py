@@ -7,11 +7,12 @@ arrives. The prior, one in every coordinate, keeps them well conditioned.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Hashable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
+from functools import partial
 from math import isnan, nan
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,7 @@ from sma_sim.model.effects.ports import PORT_NAMES, SENSING
 from sma_sim.solver.sensitivities import DELTA
 from sma_sim.solver.simulate import SimulationError
 
+Reduced = TypeVar('Reduced')
 QuadraticModel = tuple[float, Vector, Matrix]  # cost, gradient, Gauss-Newton Hessian
 DEFAULT_STEP = 0.02  # of differences, in standard deviations of the priors
 MIN_STEP, MAX_STEP = 1e-6, 0.02  # of differences, in standard deviations of the priors
@@ -253,24 +255,53 @@ def linearized_in_turn(
     problem: Problem, z: Vector, executor: Executor, steps: Vector | None = None, central: bool = False
 ) -> Iterator[LinearizedRun]:
     """As `linearize`, one run after the other: derivatives of many runs would not fit into the memory at once."""
+    return reduced_in_turn(problem, z, executor, unreduced, steps, central)
+
+
+def unreduced(run: LinearizedRun) -> LinearizedRun:
+    """All of it."""
+    return run
+
+
+def reduced_in_turn(
+    problem: Problem,
+    z: Vector,
+    executor: Executor,
+    reduce: Callable[[LinearizedRun], Reduced],
+    steps: Vector | None = None,
+    central: bool = False,
+) -> Iterator[Reduced]:
+    """What `reduce`, which can be sent to another process, makes of every run linearised at z, one after the other.
+
+    It is called where the run is made: derivatives of a run take megabytes, which would travel and wait.
+    """
     indices, config = problem.indices(), PickledConfig(problem.fitted(z))
     has_tangents = [tangents_apply(config.config, run) for run in problem.runs]
     points = z + DELTA * np.eye(len(problem.free), len(z))  # each free parameter in turn moved, which all runs share
     moved = [PickledConfig(problem.fitted(point)) for point in points] if any(has_tangents) else []
     tasks = (
-        tangent_task(problem, z, run, at, config, moved)
+        (at, tangent_task(problem, z, run, at, config, moved))
         for run, at, applies in zip(problem.runs, indices, has_tangents, strict=True)
         if applies
     )
-    by_tangents = in_turn(executor, linearized_by_tangents, tasks)
+    by_tangents = in_turn(executor, partial(reduced_by_tangents, reduce=reduce), tasks)
     for run, at, applies in zip(problem.runs, indices, has_tangents, strict=True):
         found = next(by_tangents) if applies else None
         if found is not None:
-            yield LinearizedRun(at, *found)
+            yield found
         else:
             own = replace(problem, runs=(run,))
             (other,) = linearize_by_differences(own, z[at], executor, steps if steps is None else steps[at], central)
-            yield replace(other, indices=at)
+            yield reduce(replace(other, indices=at))
+
+
+def reduced_by_tangents(
+    job: tuple[NDArray[np.int64], TangentTask], reduce: Callable[[LinearizedRun], Reduced]
+) -> Reduced | None:
+    """What `reduce` makes of a run linearised by its tangents, its unknowns at these indices; None where it has none."""
+    at, task = job
+    found = linearized_by_tangents(task)
+    return None if found is None else reduce(LinearizedRun(at, *found))
 
 
 def tangent_task(
@@ -466,7 +497,24 @@ def accumulated(parts: Iterable[NormalEquations], z: Vector, tempering: float) -
 
 def cost_at(problem: Problem, z: Vector, executor: Executor) -> float:
     """The cost with the prior; inf where the model cannot be run."""
-    return cost_of(problem, residuals_at(problem, z, executor), z)
+    return costs_at(problem, [z], executor)[0]
+
+
+def costs_at(problem: Problem, points: Sequence[Vector], executor: Executor) -> list[float]:
+    """The cost at each of several points (n,); inf where the model cannot be run."""
+    configs = [PickledConfig(problem.fitted(z)) for z in points]
+    tasks = (
+        EvaluationTask(run, tuple((config, problem.nuisance(run, z[at])) for config, z in zip(configs, points, strict=True)))
+        for run, at in zip(problem.runs, problem.indices(), strict=True)
+    )
+    priors = [0.5 * problem.tempering**2 * float(z @ z) for z in points]
+    by_run = in_turn(executor, partial(run_costs, robust=problem.robust), tasks)  # residuals would not fit into the memory
+    return list(np.sum([priors, *by_run], axis=0).tolist())
+
+
+def run_costs(task: EvaluationTask, robust: bool) -> list[float]:
+    """The cost of one run at each point; inf where the model cannot be run."""
+    return [np.inf if residuals is None else robust_cost(residuals, robust) for residuals in evaluate(task)]
 
 
 def cost_of(problem: Problem, by_run: Sequence[Matrix | None], z: Vector) -> float:
@@ -483,7 +531,7 @@ def normal_parts(
     problem: Problem, z: Vector, executor: Executor, steps: Vector | None = None, central: bool = False
 ) -> Iterator[NormalEquations]:
     """The normal equations of every run at z, one after the other."""
-    return (normal_equations(run, problem.robust) for run in linearized_in_turn(problem, z, executor, steps, central))
+    return reduced_in_turn(problem, z, executor, partial(normal_equations, robust=problem.robust), steps, central)
 
 
 def measured_steps(problem: Problem, z: Vector, executor: Executor) -> Vector | None:

@@ -12,28 +12,24 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
 
-from sma_sim.evidence.estimation.executors import PickledConfig, in_turn
 from sma_sim.evidence.estimation.fit_result import OtherStart
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, FreeParameter
 from sma_sim.evidence.estimation.overdispersion import autocorrelation_time
 from sma_sim.evidence.estimation.problem import (
-    EvaluationTask,
     LinearizedRun,
     NormalEquations,
     Problem,
     accumulated,
-    evaluate,
+    costs_at,
     linearized_in_turn,
     measured_steps,
     normal_equations,
-    robust_cost,
     robust_weights,
 )
 from sma_sim.evidence.estimation.residuals import FitData
@@ -173,7 +169,7 @@ def information_of(data: FitData, run: LinearizedRun, robust: bool) -> RunInform
         normal_equations(run, robust),
         np.einsum('uck,vck->cuv', jacobian, jacobian),
         channel_overdispersion(data, residuals, len(run.indices)),
-        np.einsum('uck,ck->uk', jacobian, residuals),
+        np.einsum('uck,ck->uk', jacobian, residuals).astype(np.float32),  # of a campaign they take most of the memory
         {name: autocorrelation_time(row) for name, row in zip(data.channels, run.residuals, strict=True)},
     )
 
@@ -315,23 +311,6 @@ def widened(one: Interval, free: FreeParameter, ends: Vector) -> Interval:
     return replace(one, low=free.value(low), high=free.value(high), std=max(one.std, std))
 
 
-def costs_at(problem: Problem, points: Sequence[Vector], executor: Executor) -> list[float]:
-    """The cost at each of several points (n,); inf where the model cannot be run."""
-    configs = [PickledConfig(problem.fitted(z)) for z in points]
-    tasks = [
-        EvaluationTask(run, tuple((config, problem.nuisance(run, z[at])) for config, z in zip(configs, points, strict=True)))
-        for run, at in zip(problem.runs, problem.indices(), strict=True)
-    ]
-    priors = [0.5 * problem.tempering**2 * float(z @ z) for z in points]
-    by_run = in_turn(executor, partial(run_costs, robust=problem.robust), tasks)  # residuals would not fit into the memory
-    return list(np.sum([priors, *by_run], axis=0).tolist())
-
-
-def run_costs(task: EvaluationTask, robust: bool) -> list[float]:
-    """The cost of one run at each point; inf where the model cannot be run."""
-    return [np.inf if residuals is None else robust_cost(residuals, robust) for residuals in evaluate(task)]
-
-
 def with_other_minima(known: Uncertainty, others: Sequence[OtherStart]) -> Uncertainty:
     """Intervals that hold the values of those other minima which the recordings do not rule out with 95 %."""
     near = [other.values for other in others if other.log_odds < RULED_OUT]
@@ -369,7 +348,7 @@ def long_run(scores: Matrix, time: float) -> Matrix:
     """Long-run covariance of scores (n, k): Bartlett's kernel, as sums over overlapping blocks (Newey, West)."""
     k = scores.shape[1]
     block = int(np.clip(4.0 * time, MIN_BLOCK, max(k // MIN_BLOCKS, 1)))
-    padded = np.concatenate([np.zeros((len(scores), block)), np.cumsum(scores, axis=1)], axis=1)
+    padded = np.concatenate([np.zeros((len(scores), block)), np.cumsum(scores, axis=1, dtype=float)], axis=1)
     ends = np.concatenate([padded, np.repeat(padded[:, -1:], block, axis=1)], axis=1)
     sums = ends[:, block:] - ends[:, :-block]
     found: Matrix = sums @ sums.T / block
