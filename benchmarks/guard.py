@@ -134,14 +134,15 @@ def solve(seed: int, duration: float, off: float, margin: float, hot: bool, pool
     asked = commands_of(seed, round(duration * RATE))
     if hot:
         asked[: round(RATE)] = J_FULL * (-1.0) ** seed
-    alone, knowing, observed = (run_of(config, robot, asked, who, seed, hot) for who in ('none', 'truth', 'observer'))
+    alone, observed = (run_of(config, robot, asked, who, seed, hot) for who in ('none', 'observer'))
     safe = alone.T <= T_MAX and alone.stress <= STRESS_MAX
-    compared = alone if safe else knowing
+    compared = alone if safe else run_of(config, robot, asked, 'truth', seed, hot)
     known = config.variant({'guard.T_max': without_scale(config, robot, off)})
     but_scale = compared if safe else run_of(known, robot, asked, 'truth', seed, hot)
     return {
         'hidden': robot.hidden[0].truth.name if robot.hidden else '',
         'safe': safe,
+        'T below without guard': max(T_MAX - alone.T, 0.0),
         'T excess': max(observed.T - T_MAX, 0.0),
         'stress excess': max(observed.stress / STRESS_MAX - 1.0, 0.0),
         'T excess without guard': max(alone.T - T_MAX, 0.0),

@@ -469,7 +469,7 @@ PARTS = (
         'observer',
         'Observer',
         minutes=30,
-        command=cases('observer', '--robots', '200', '--first', '52000'),
+        command=cases('observer', '--robots', '200', '--first', '82000'),
         text='Root mean squares over simulated robots with MAS kinetics, each parameter off by 5 to 15 %, a hidden '
         'effect in every third, random commands or a closed loop for 40 s; `held`: true values in the 95 % '
         'intervals; ms: processor time of an update.',
@@ -482,7 +482,7 @@ PARTS = (
         'guard',
         'Guard',
         minutes=25,
-        command=cases('guard', '--robots', '200', '--first', '52000'),
+        command=cases('guard', '--robots', '200', '--first', '82000'),
         text='Robots with each parameter 15 % off, either way, a hidden effect in every second, commands of up to 25 W '
         'in bursts and for long, limits of 360 K and 250 MPa. Lost: of the stroke that a guard allows that knows '
         'the true state, or of that without a guard where commands were safe; by the scale alone: as a guard that '
@@ -496,7 +496,7 @@ PARTS = (
         'live_diagnosis',
         'Live diagnosis',
         minutes=60,
-        command=cases('live_diagnosis', '--days', '13', '--quiet', '100', '--seed', '52000'),
+        command=cases('live_diagnosis', '--days', '13', '--quiet', '100', '--seed', '82000'),
         text='Parts of days of ten minutes in which something changes, or nothing; and quiet hours in which the room '
         'gets warmer and colder by up to 2 K, as a thermometer tells. Laws of convection, friction and gravity are'
         ' not those of the library.',
@@ -509,7 +509,7 @@ PARTS = (
         'control',
         'Controllers with a model',
         minutes=60,
-        command=cases('control', '--robots', '20', '--first', '52000'),
+        command=cases('control', '--robots', '20', '--first', '82000'),
         text='A sum of two sines is followed, with the model of the data sheet and with that of a diagnosis, beside a PI '
         'controller tuned on the robot itself; within limits that leave room, and within limits that bind.',
         subject=LIVE,

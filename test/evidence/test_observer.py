@@ -5,6 +5,7 @@ import csv
 import numpy as np
 import pytest
 
+import sma_sim.effects
 from sma_sim import Config, Model, UserError
 from sma_sim.cli.main import main
 from sma_sim.evidence.state_estimation import observer as filters
@@ -230,6 +231,18 @@ def test_the_scale_of_stresses_stays_as_uncertain_as_the_parameters_that_have_it
         assert (found[k].stress_std > 0.1 / np.sqrt(4.0) * found[k].stress).all()
     value, std = one.parameters['beam.E']
     assert std > 0.1 / np.sqrt(4.0) * value
+
+
+def test_a_supply_that_gives_way_is_not_taken_for_hotter_wires():
+    """Full power that is 14 W and not 25 W, in bursts: the observer took the wires to have more heat capacity and a smaller
+    sigma_T, and was 9 K off, of 50 K above the room; the innovations tell that power fluctuates."""
+    bursts = [(J, since) for k in range(6) for J, since in ((25.0, 0.5 + k), (8.0, 0.8 + k))]
+    heating = ((0.0, 0.0), *bursts, (8.0, 6.5))
+    true = Config(kinetics='mas', effects=[sma_sim.effects.driver_saturation(r=0.6, p=2.0)])
+    channels, T, _ = truth_of(true, heating, 9.5)
+    found = observed(Config(), channels, heating, (*POSE, *FORCES))[1]
+    error = np.array([e.T for e in found]) - T
+    assert np.sqrt(np.mean(error**2)) < 7.5 and abs(error[-1, 0]) < 4.5
 
 
 def beside(nominal, factors):

@@ -24,7 +24,10 @@ dsigma/sigma_T apart. Each has its filter, and the estimate has the mean and cov
 until measurements have decided (Magill, IEEE Trans. Autom. Control 10 (1965) 434).
 
 As long as innovations are larger than the filter expects, all that it says has so many times the variance (the ratio of
-Birge, Phys. Rev. 40 (1932) 207).
+Birge, Phys. Rev. 40 (1932) 207). The heating is what drives a wire, and how it follows a command is not measured: as long as
+that ratio R is more than 1, the power that reaches a wire fluctuates about the command, with R - 1 times the variance of its
+lasting difference and for as long as R is averaged over. A driver that is late, or gives way at high power, is then not
+taken for a wire of another heat capacity, and cooling, of which the driver has no part, tells it.
 """
 
 from __future__ import annotations
@@ -371,6 +374,7 @@ class Observer:
             (slice(at.count, self._size), channel_discrepancies(self.config), u['discrepancy_time']),
         ):
             self._decay[place], stationary[place] = 1.0 / time, np.square(std)
+        self._fluctuation = 2.0 * INCONSISTENCY_TIME * u['power_std'] ** 2
         self._stationary = np.diag(stationary)
         self._stationary[at.parameters, at.parameters] = prior_correlation(self.config, self._free)
         wire, of_states = propagation.model.wire, np.zeros(self._size)
@@ -481,6 +485,8 @@ class Observer:
         before = belief.covariance.copy()
         before.flat[:: size + 1] += self._walk * dt
         covariance = transition @ before @ transition.T + self._stationary * (1.0 - decay[:, None] * decay)
+        stirred = math.sqrt(self._fluctuation * max(belief.inconsistency - 1.0, 0.0) / dt) * moved[:first, at.heating]
+        covariance[:first, :first] += stirred @ stirred.T
         mean = belief.mean * decay
         mean[:first] = moved[:first] @ self._beside(belief)
         return belief._replace(time=time, run=run, mean=mean, covariance=covariance)
