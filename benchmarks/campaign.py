@@ -29,7 +29,7 @@ from common import DURATION, module, random_command, report
 from sma_sim import Dataset, FitOptions, Input, Recording, calibrate, module_input, simulate
 from sma_sim.challenge.robot import NOISE_STD
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
-from sma_sim.evidence.estimation.executors import dask_executor
+from sma_sim.evidence.estimation.dask_cluster import dask_executor
 
 RATE, HOURS, TRUTH, RTOL = 50.0, 2.0, {'wire.lambda': 430.0, 'beam.E': 2.1e9}, 1e-5
 OPTIONS = FitOptions(kinetics='hybrid', starts=1)

@@ -30,7 +30,8 @@ from sma_sim import (
 )
 from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.evidence.estimation import levenberg_marquardt
-from sma_sim.evidence.estimation.executors import PickledConfig, dask_executor, workers_of
+from sma_sim.evidence.estimation.dask_cluster import dask_executor
+from sma_sim.evidence.estimation.executors import PickledConfig, workers_of
 from sma_sim.evidence.estimation.free_parameters import choose_free
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.model.effects.discovery import ActiveEffect

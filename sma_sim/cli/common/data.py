@@ -15,7 +15,8 @@ from sma_sim.evidence.data.column_map import entries_of_map
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.tables import check_writable
 from sma_sim.evidence.estimation.curve_features import CurveFeatures, curve_features
-from sma_sim.evidence.estimation.executors import dask_executor, executor_or_threads
+from sma_sim.evidence.estimation.dask_cluster import dask_executor
+from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.plausibility import MATERIALS
 from sma_sim.evidence.estimation.prepared_fit import on_leading_bench, started_from
 from sma_sim.model.config import Config

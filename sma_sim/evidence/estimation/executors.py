@@ -7,23 +7,21 @@ import pickle
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, wait
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
-from importlib import import_module
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
 from sma_sim.evidence.estimation.search_context import Stop
 from sma_sim.model.config import Config, folders_of
 from sma_sim.model.effects.discovery import ActiveEffect, effects_on, find_effects
-from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import find_structures
 from sma_sim.solver.model import Model
 
 Result = TypeVar('Result')
 Task = TypeVar('Task')
-RECENT = 64  # configurations that a worker keeps: those of a point and beside it, with up to so many unknowns
+RECENT = 256  # configurations that a worker keeps: those of a point, beside it, and at both ends of all intervals
 
 
 @dataclass(frozen=True)
@@ -93,12 +91,22 @@ def in_turn(executor: Executor, work: Callable[[Task], Result], tasks: Iterable[
 
 def one_thread_for_linear_algebra() -> AbstractContextManager[object]:
     """A context in which BLAS starts no threads of its own, where threadpoolctl is installed."""
-    try:
-        from threadpoolctl import threadpool_limits
-    except ModuleNotFoundError:
+    known = linear_algebra()
+    if known is None:
         return nullcontext()
-    limits: AbstractContextManager[object] = threadpool_limits(1, 'blas')
+    limits: AbstractContextManager[object] = known.limit(limits=1, user_api='blas')
     return limits
+
+
+@cache
+def linear_algebra() -> Any | None:
+    """What sets the threads of BLAS, which takes a millisecond to find; None without threadpoolctl."""
+    with suppress(ModuleNotFoundError):
+        import scipy.linalg  # noqa: F401  # which has a BLAS of its own
+        from threadpoolctl import ThreadpoolController
+
+        return ThreadpoolController()
+    return None
 
 
 @contextmanager
@@ -128,18 +136,3 @@ def run_in_threads(jobs: Sequence[Callable[[], Result]], stop: Stop, at_once: in
         except KeyboardInterrupt:
             stop.set()
         return [future.result() for future in futures]
-
-
-@contextmanager
-def dask_executor(address: str) -> Iterator[Executor]:
-    """An executor on the Dask cluster whose scheduler is at `address`, such as ``tcp://host:8786``. Raises UserError."""
-    try:
-        distributed: Any = import_module('distributed')
-    except ImportError as error:
-        raise UserError('--scheduler needs Dask: pip install "sma_sim[dask]"') from error
-    try:
-        client = distributed.Client(address, timeout=5)
-    except (OSError, ValueError, TimeoutError) as error:
-        raise UserError(f'--scheduler {address}: no Dask scheduler answers there ({error})') from error
-    with client:
-        yield client.get_executor(pure=False)
