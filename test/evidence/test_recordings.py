@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from sma_sim.evidence.data.rosbag.raw_messages import open_bag
 from sma_sim.evidence.data.rosbag.run_writer import write_mcap
 from sma_sim.evidence.data.rosbag.writer import BagWriter
 from sma_sim.evidence.data.tables import write_columns
+from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.estimation.residuals import sampled_changes
 from sma_sim.model.errors import UserError
 from sma_sim.solver.inputs import inputs_at
@@ -55,6 +57,46 @@ def test_what_moves_before_a_command_for_another_reason_is_not_told(tmp_path, sh
     else:
         columns['J_eq_W'] = np.where(t < first + 0.15, 0.0, columns['J_eq_W'])
     assert early_notes(tmp_path, columns) == []
+
+
+@pytest.mark.parametrize('power', [0.0, 9.0])
+def test_recordings_that_do_not_begin_at_rest_are_told(tmp_path, power):
+    """As pieces of a long one do, whose wires are warm from before: a model begins at rest, and lacks an effect then."""
+    columns = module_columns()
+    for name in ('T_1_K', 'T_2_K'):
+        columns[name] -= columns[name][0] - columns['T_E_K'][0]
+    write_recording(tmp_path / 'run1.csv', columns)
+    t = columns['time_s']
+    warm = {name: values.copy() for name, values in columns.items()}
+    for name, size in (('T_1_K', 60.0), ('alpha_rad', 0.5 * np.ptp(columns['alpha_rad'])), ('U_x_m', 0.0)):
+        warm[name] += size * np.exp(-t / 1.0)
+    warm['J_eq_W'][0] = power
+    write_recording(tmp_path / 'run2.csv', warm)
+    assert not [note for note in read_dataset([tmp_path / 'run1.csv']).notes if 'begins at rest' in note]
+    both = read_dataset([tmp_path / 'run1.csv', tmp_path / 'run2.csv'])
+    told = [note for note in both.notes if 'every model begins at rest' in note]
+    assert any(re.match(r'alpha of run2 begins [\d.]+ deg above run1: ', note) for note in told)
+    assert any(re.match(r'T_1 of run2 begins [\d.]+ K above that of the air: ', note) for note in told)
+    assert not any(note.startswith(('U_x', 'U_y', 'T_2')) for note in told)
+    own = [note for note in both.recordings[1].notes if 'in motion at the first sample' in note]
+    assert len(own) == (power == 0.0) and all('T_1' in note and 'alpha' in note for note in own)
+
+
+def test_a_copy_is_no_second_measurement(tmp_path):
+    """It would make intervals too narrow, and be predicted by itself where one of both is held out."""
+    columns = module_columns()
+    write_recording(tmp_path / 'run1.csv', columns)
+    (tmp_path / 'run1 copy.csv').write_text((tmp_path / 'run1.csv').read_text())
+    again = {name: values + 1e-6 * np.sin(values) * (name != 'time_s') for name, values in columns.items()}
+    write_recording(tmp_path / 'run2.csv', again)
+    dataset = read_dataset(tmp_path)
+    assert [one.name for one in dataset.recordings] == ['run1 copy', 'run2']
+    assert 'run1 is a copy of run1 copy, sample by sample: left out' in dataset.notes
+    one, other = dataset.recordings
+    split = [replace(dataset, recordings=(recording,)) for recording in (one, replace(one, name='run9'), other)]
+    with pytest.raises(UserError, match='run9 is a copy of run1 copy, which is fitted: it would be predicted by itself'):
+        hold_out_last(*split[:2])
+    assert hold_out_last(split[0], split[2])[1].recordings == (other,)
 
 
 def with_switching_rows(columns, times, values):
@@ -215,8 +257,9 @@ def test_the_other_system_is_recognised(tmp_path):
 
 
 def test_a_folder_stands_for_its_recordings(tmp_path):
-    for name in ('b', 'a', 'c'):
-        write_recording(tmp_path / f'{name}.csv', module_columns())
+    for k, name in enumerate(('b', 'a', 'c')):
+        columns = module_columns()
+        write_recording(tmp_path / f'{name}.csv', columns | {'F_1_N': columns['F_1_N'] + 0.01 * k})
     (tmp_path / 'commands.csv').write_text('time_s,J_eq_W\n0,1\n1,2\n')
     (tmp_path / 'readme.txt').write_text('no recording')
     dataset = read_dataset([tmp_path, tmp_path / 'a.csv'], 'module', 298.0)
@@ -325,6 +368,7 @@ def test_the_electric_runs_of_a_real_wire():
 
 MEMORY = """
 import resource, sys
+from dataclasses import replace
 from pathlib import Path
 from sma_sim.evidence.data.rosbag.raw_messages import open_bag
 from sma_sim.evidence.data.rosbag.run_writer import write_mcap

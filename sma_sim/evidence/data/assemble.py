@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.evidence.data.at_rest import early_motion
 from sma_sim.evidence.data.imposed import without_noise
 from sma_sim.evidence.data.noise import estimate_noise
 from sma_sim.evidence.data.recording import (
@@ -43,10 +44,7 @@ LARGEST_VALUE = 1e25  # no quantity reaches it in any unit: what is larger is in
 LATEST_START = 1e6  # [s] a first time beyond it is a date (seconds since 1970), not a time in the run
 MIN_ROWS_WITH_SPIKES, SPIKE_RATIO, MAX_SPIKES = 100, 3.0, 0.02  # rows; beyond what lasts; part of the rows
 MIN_SESSION_SAMPLES = 2  # fewer span no time
-MIN_RESTING = 10  # samples that tell where a robot rests, and that it has left
-EARLY_MOTION = 0.1  # of what a channel spans is no drift
 MAX_TIMES = 4  # of single rows in a note
-MAX_LATE_COMMAND = 0.2  # [s] beyond the delays of sensors and messages that a fit estimates
 
 
 class NothingMeasuredError(UserError):
@@ -187,43 +185,11 @@ def session_recording(file: SourceFile, name: str, columns: dict[str, Vector], n
             f'{file.path}: expected at least {MIN_SESSION_SAMPLES} measured rows after the first command, got {len(time)}'
         )
     if file.structure.coordinates and file.structure.imposed_temperature < 0:
-        notes += slow_sampling(time) + early_motion(file, time, channels, source)
+        notes += slow_sampling(time) + early_motion(file.heating, time, channels, source)
     known = () if exact else tuple(changes[is_exact].tolist())
     return Recording(
         name, file.system, time, channels, source, exact, tuple(notes), known, imposed_std=errors, sample_std=stds
     )
-
-
-def early_motion(file: SourceFile, time: Vector, channels: Mapping[str, Vector], source: Input) -> list[str]:
-    """A note where a robot that rests begins to move clearly before its first command: commands are missing there.
-
-    A recorder that hears of a controller late misses its first commands. Robots that drift tell nothing, nor do those that
-    move from the first sample on, such as one that cools from an earlier run.
-    """
-    heating = source.values[:, [source.columns.index(name) for name in file.heating]]
-    on = np.asarray((heating != 0.0).any(axis=1))
-    if not on.any() or on[0]:
-        return []
-    commanded_at = float(source.times[int(np.argmax(on))])
-    found = {}
-    for channel, values in channels.items():
-        known = np.isfinite(values)
-        before = known & (time < commanded_at)
-        if before.sum() < MIN_RESTING:
-            continue
-        t, y = time[before], values[before]
-        resting = max(MIN_RESTING, len(t) // 4)
-        lasting = np.ptp(y[:resting]) * (t - t[0]) / (t[resting - 1] - t[0])  # had it gone on as in the beginning
-        away = np.abs(y - y[0]) > EARLY_MOTION * float(np.ptp(values[known])) + lasting
-        if away[-MIN_RESTING:].all():
-            found[channel] = float(t[len(away) - int(np.argmin(away[::-1]))])
-    if not found or commanded_at - min(found.values()) < MAX_LATE_COMMAND:
-        return []
-    begin = f'{", ".join(found)}: in motion from {min(found.values()):.6g} s on'
-    return [
-        f'{begin}, but the first command is at {commanded_at:.6g} s: earlier ones were not recorded (a recorder may hear of '
-        'a controller late), and the model will be wrong; leave this recording out'
-    ]
 
 
 def commanded(file: SourceFile, columns: Mapping[str, Vector]) -> Vector:

@@ -240,6 +240,15 @@ class Recording(Shown, Saved, Comparable):
         return found | ({'notes': '; '.join(self.notes)} if self.notes else {})
 
 
+def has_same_samples(one: Recording, other: Recording) -> bool:
+    """Whether two recordings have the very same numbers, of which some change: noise makes others when a run is repeated."""
+    if one.system != other.system or one.channels.keys() != other.channels.keys() or len(one.time) != len(other.time):
+        return False
+    if not all(np.array_equal(own, other.channels[name], equal_nan=True) for name, own in one.channels.items()):
+        return False
+    return any(np.ptp(own[np.isfinite(own)]) > 0.0 for own in one.channels.values() if np.isfinite(own).any())
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Dataset(Shown, Saved, Comparable):
     """Recordings of one robot or wire.

@@ -12,11 +12,12 @@ from pathlib import Path
 import numpy as np
 
 from sma_sim.evidence.data.assemble import NothingMeasuredError, SourceFile, recordings_from_columns
+from sma_sim.evidence.data.at_rest import different_beginnings
 from sma_sim.evidence.data.column_map import ColumnMap, read_column_map
 from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.data.noise import Noise, noise_by_channel
 from sma_sim.evidence.data.quasi_static import ACCURACY, noise_over_temperature, slopes_over_temperature, temperature_noise
-from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, CHANNELS_OF, Dataset, Recording, in_order
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, CHANNELS_OF, Dataset, Recording, has_same_samples, in_order
 from sma_sim.evidence.data.repeatability import levels_of_noise, with_bench
 from sma_sim.evidence.data.repeated_values import without_constant_channels, without_repeated_values
 from sma_sim.evidence.data.rosbag.bag_files import is_bag
@@ -103,7 +104,8 @@ def read_dataset(
         raise UserError(
             f'{", ".join(map(str, files_and_folders))}: no measurement in it; expected measured columns such as alpha_rad'
         )
-    recordings = with_distinct_names(found)
+    recordings = without_copies(with_distinct_names(found), notes)
+    notes += different_beginnings(recordings)
     stated = noise_from_folders([path for path, _ in files], channels, notes) | given
     recordings = tuple(map(partial(without_sample_noise, channels=given), recordings))
     estimates = noise_by_channel(recordings)
@@ -221,6 +223,17 @@ def with_distinct_names(found: Sequence[tuple[Path, Recording]]) -> tuple[Record
         else recording
         for (path, _), recording in zip(found, renamed, strict=True)
     )
+
+
+def without_copies(recordings: Sequence[Recording], notes: list[str]) -> tuple[Recording, ...]:
+    """The recordings without those that are copies of one before: nothing is measured twice, nor predicted by its copy."""
+    kept = list[Recording]()
+    for recording in recordings:
+        if original := next((one for one in kept if has_same_samples(one, recording)), None):
+            notes.append(f'{recording.name} is a copy of {original.name}, sample by sample: left out')
+        else:
+            kept.append(recording)
+    return tuple(kept)
 
 
 def noise_from_folders(files: Sequence[Path], channels: Sequence[str], notes: list[str]) -> dict[str, float]:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
-from sma_sim.evidence.data.recording import Dataset, Recording
+from sma_sim.evidence.data.recording import Dataset, Recording, has_same_samples
 from sma_sim.evidence.data.sources import recordings_in
 from sma_sim.model.errors import UserError
 from sma_sim.model.nearest import suggestion
@@ -77,6 +78,11 @@ def hold_out_last(dataset: Dataset, held_out: Dataset | None) -> tuple[Dataset, 
         names = {recording.name for recording in training.recordings}
         if both := [recording.name for recording in held_out.recordings if recording.name in names]:
             raise UserError(f'held_out: {", ".join(both)} is among the recordings to fit too; leave it in one of both')
+        for own, fitted in product(held_out.recordings, training.recordings):
+            if has_same_samples(own, fitted):
+                raise UserError(
+                    f'held_out: {own.name} is a copy of {fitted.name}, which is fitted: it would be predicted by itself'
+                )
         return training, sorted_by_name(held_out)
     if len(training.recordings) < MIN_RUNS_TO_HOLD_OUT:
         return training, None
