@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from sma_sim.evidence.estimation.dask_cluster import LARGE, DaskExecutor
+from sma_sim.evidence.estimation.executors import in_turn
 
 
 class Client:
@@ -48,6 +49,14 @@ def test_an_array_is_put_on_a_worker_when_it_is_sent_again():
     assert [arrays for _, arrays in client.sent] == [0, 0, 2, 2, 2, 2]
     assert all(size > 3 * LARGE for size, _ in client.sent[:2]) and all(size < LARGE for size, _ in client.sent[2:])
     assert [(workers, len(arrays)) for workers, arrays in client.put] == [(['one'], 2), (['two'], 2)]
+
+
+def test_a_cluster_gets_several_tasks_together():
+    """So few that each worker has four parts, and never many."""
+    for tasks, parts in ((3, 3), (24, 8), (23, 12), (200, 25)):
+        client = Client()
+        assert list(in_turn(DaskExecutor(client), abs, range(-tasks, 0))) == list(range(tasks, 0, -1))
+        assert len(client.sent) == parts
 
 
 def test_an_array_that_takes_the_place_of_another_is_sent_itself():

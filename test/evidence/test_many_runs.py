@@ -65,15 +65,15 @@ def test_runs_are_linearized_a_few_at_a_time():
     under_way, most = set(), 0
 
     class Counting(ThreadPoolExecutor):
-        def submit(self, work, task):
+        def submit(self, together, work, tasks):
             nonlocal most
-            under_way.add(task)
+            under_way.update(tasks)
             most = max(most, len(under_way))
-            return super().submit(work, task)
+            return super().submit(together, work, tasks)
 
     with Counting(2) as pool:
         found = []
-        for result in in_turn(pool, lambda task: task**2, iter(range(50))):
+        for result in in_turn(pool, lambda task: task**2, range(50)):
             under_way.remove(len(found))
             found.append(result)
     assert found == [k**2 for k in range(50)] and most <= 4 and not under_way

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import pickle
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
@@ -21,6 +21,9 @@ from sma_sim.solver.model import Model
 
 Result = TypeVar('Result')
 Task = TypeVar('Task')
+# Parts of a campaign that a worker of a cluster gets, so that none waits long for another in the end; and the most
+# recordings of one, whose derivatives may come back
+PARTS, MOST_TOGETHER = 4, 8
 RECENT = 256  # configurations that a worker keeps: those of a point, beside it, and at both ends of all intervals
 
 
@@ -66,6 +69,11 @@ def unpickled_config(pickled: bytes) -> PickledConfig:
     return PickledConfig(config)
 
 
+def is_cluster(executor: Executor) -> bool:
+    """Whether tasks of an executor travel to a Dask cluster."""
+    return getattr(executor, '_client', None) is not None
+
+
 def workers_of(executor: Executor) -> int:
     """How many tasks an executor runs at once, as far as it tells."""
     client = getattr(executor, '_client', None)
@@ -75,18 +83,25 @@ def workers_of(executor: Executor) -> int:
     return most if isinstance(most, int) else os.cpu_count() or 1
 
 
-def in_turn(executor: Executor, work: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
+def in_turn(executor: Executor, work: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Result]:
     """What `work` makes of each task, in their order, where only some more than the workers have are under way at once.
 
-    So results that are reduced as they come do not fill the memory, however many tasks there are.
+    So results that are reduced as they come do not fill the memory, however many tasks there are. A cluster gets several
+    tasks together, each time it costs milliseconds, but so few that every worker has PARTS of such parts.
     """
-    under_way, most = deque[Future[Result]](), 2 * workers_of(executor)
-    for task in tasks:
-        under_way.append(executor.submit(work, task))
-        if len(under_way) >= most:
-            yield under_way.popleft().result()
+    under_way, workers = deque[Future[list[Result]]](), workers_of(executor)
+    size = min(max(1, len(tasks) // (PARTS * workers)), MOST_TOGETHER) if is_cluster(executor) else 1
+    for first in range(0, len(tasks), size):
+        under_way.append(executor.submit(together, work, tasks[first : first + size]))
+        if len(under_way) >= 2 * workers:
+            yield from under_way.popleft().result()
     while under_way:
-        yield under_way.popleft().result()
+        yield from under_way.popleft().result()
+
+
+def together(work: Callable[[Task], Result], tasks: Sequence[Task]) -> list[Result]:
+    """What `work` makes of each of some tasks."""
+    return [work(task) for task in tasks]
 
 
 def one_thread_for_linear_algebra() -> AbstractContextManager[object]:

@@ -109,7 +109,7 @@ def run_fits(problem: Problem, z: Vector, executor: Executor) -> tuple[RunFit, .
     """Errors and nuisances of every run at z; infinite errors where the model cannot be run."""
     config, fits, pickled = problem.fitted(z), [], PickledConfig(problem.fitted(z))
     nuisances = [problem.nuisance(run, z[indices]) for run, indices in zip(problem.runs, problem.indices(), strict=True)]
-    tasks = (EvaluationTask(run, ((pickled, nuisance),)) for run, nuisance in zip(problem.runs, nuisances, strict=True))
+    tasks = [EvaluationTask(run, ((pickled, nuisance),)) for run, nuisance in zip(problem.runs, nuisances, strict=True)]
     by_run = in_turn(executor, run_errors, tasks)  # residuals would not fit into the memory
     for run, nuisance, found in zip(problem.runs, nuisances, by_run, strict=True):
         errors = found or dict.fromkeys(run.channels, np.inf)

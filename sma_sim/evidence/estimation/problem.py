@@ -279,11 +279,11 @@ def reduced_in_turn(
     has_tangents = [tangents_apply(config.config, run) for run in problem.runs]
     points = z + DELTA * np.eye(len(problem.free), len(z))  # each free parameter in turn moved, which all runs share
     moved = [PickledConfig(problem.fitted(point)) for point in points] if any(has_tangents) else []
-    tasks = (
+    tasks = [
         (at, tangent_task(problem, z, run, at, config, moved))
         for run, at, applies in zip(problem.runs, indices, has_tangents, strict=True)
         if applies
-    )
+    ]
     by_tangents = in_turn(executor, partial(reduced_by_tangents, reduce=reduce), tasks)
     for run, at, applies in zip(problem.runs, indices, has_tangents, strict=True):
         found = next(by_tangents) if applies else None
@@ -503,10 +503,10 @@ def cost_at(problem: Problem, z: Vector, executor: Executor) -> float:
 def costs_at(problem: Problem, points: Sequence[Vector], executor: Executor) -> list[float]:
     """The cost at each of several points (n,); inf where the model cannot be run."""
     configs = [PickledConfig(problem.fitted(z)) for z in points]
-    tasks = (
+    tasks = [
         EvaluationTask(run, tuple((config, problem.nuisance(run, z[at])) for config, z in zip(configs, points, strict=True)))
         for run, at in zip(problem.runs, problem.indices(), strict=True)
-    )
+    ]
     priors = [0.5 * problem.tempering**2 * float(z @ z) for z in points]
     by_run = in_turn(executor, partial(run_costs, robust=problem.robust), tasks)  # residuals would not fit into the memory
     return list(np.sum([priors, *by_run], axis=0).tolist())
