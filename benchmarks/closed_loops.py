@@ -90,9 +90,8 @@ def diagnosed(made: Challenge) -> dict[str, Any]:
     """Seconds of a diagnosis, and what it finds."""
     begin, since = time.process_time(), time.perf_counter()
     found = diagnose(made.dataset, made.nominal)
-    names = ' + '.join(active.found.effect.name for active in found.config.effects)
     seconds = {'processor_s': time.process_time() - begin, 'wall_s': time.perf_counter() - since}
-    return {**seconds, 'found': names, 'verdict': found.verdict}
+    return {**seconds, 'found': ' + '.join(found.effects), 'verdict': found.verdict}
 
 
 def measure(arguments: argparse.Namespace) -> dict[str, Any]:
