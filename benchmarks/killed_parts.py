@@ -26,6 +26,7 @@ os.environ |= {'ROS_DOMAIN_ID': str(random.randrange(1, 100)), 'ROS_AUTOMATIC_DI
 MODULES = {'robot': 'sma_sim.ros.main', 'observer': 'sma_sim.ros.observer_main', 'guard': 'sma_sim.ros.guard_main'}
 PATIENCE = 300.0  # [s]; the first start compiles
 SETTLED = 3.0  # [s] of running before a part is killed
+LASTING = 2.0  # [s] in which no heating may follow the zero
 ESTIMATED = (
     ('Temperature', 'estimated/wire_1/temperature'),
     ('Temperature', 'estimated/wire_2/temperature'),
@@ -115,15 +116,18 @@ class Processes:
                 words += ['-r', f'{topic}:=sent/{topic}']
         self.parts[part] = subprocess.Popen([sys.executable, *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
-    def wait_for(self, topic: str, heating: bool) -> float:
-        """When it was heard that there is heating, or none, from now on [s]."""
-        heard, end, begin = self.heard[topic], time.monotonic() + PATIENCE, len(self.heard[topic])
-        while time.monotonic() < end:
-            for at, value in heard[begin:]:
-                if (value != 0.0) == heating:
-                    return at
+    def wait_for(self, topic: str, heating: bool) -> None:
+        """Until the last that was heard is heating, or none; the robot says what is applied when it changes."""
+        heard, end = self.heard[topic], time.monotonic() + PATIENCE
+        while not heard or (heard[-1][1] != 0.0) != heating:
+            if time.monotonic() > end:
+                raise RuntimeError(f'{topic}: waited {PATIENCE:g} s in vain')
             self.executor.spin_once(timeout_sec=0.005)
-        raise RuntimeError(f'{topic}: waited {PATIENCE:g} s in vain')
+
+    def zero_since(self, topic: str) -> float:
+        """When the zero was heard [s] that heating did not follow."""
+        heard = self.heard[topic]
+        return heard[1 + max(k for k, (_, value) in enumerate(heard) if value != 0.0)][0]
 
     def run(self, seconds: float) -> None:
         """Listen for so long."""
@@ -150,12 +154,15 @@ def time_to_zero(part: str) -> float:
     """From the kill of a part to zero [s]."""
     processes = Processes()
     try:
+        topic = 'J_eq' if part == 'robot' else 'J_eq_applied'
         processes.wait_for('J_eq', True)
         processes.run(SETTLED)
-        processes.wait_for('J_eq', True)
+        processes.wait_for('J_eq_applied', True)
         began = time.monotonic()
         processes.kill(part)
-        return processes.wait_for('J_eq' if part == 'robot' else 'J_eq_applied', False) - began
+        processes.run(LASTING)
+        processes.wait_for(topic, False)
+        return max(processes.zero_since(topic) - began, 0.0)
     finally:
         processes.close()
 
