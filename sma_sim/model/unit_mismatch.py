@@ -17,6 +17,7 @@ MIN_TEMPERATURE, MAX_TEMPERATURE = KELVIN  # a median below is in deg C
 OFFSET_FRACTION = 0.02  # of the largest heating: a power meter's offset
 MIN_STRESS, MAX_STRESS = 1e4, 1e11  # [Pa] that the largest stress of a run lies between
 MAX_RESISTANCE = 2e3  # [ohm]: 1 m of the thinnest wire, of 25 um, has 1,900; usual actuators have some ohm
+REACH = {'rad': np.pi, 'm': 0.5}  # what no joint, small robot or wire passes, by unit
 CELSIUS_TO_KELVIN = 'offset: 273.15'
 
 
@@ -45,9 +46,8 @@ def above(limit: float, expected: str, looks_like: str, conversion: str) -> Call
     return mismatch
 
 
-# What no joint, small robot or wire reaches.
-angle_mismatch = above(np.pi, 'radians up to pi', 'degrees', 'scale: 0.017453292519943295')
-displacement_mismatch = above(0.5, 'metres, less than 0.5', 'millimetres', 'scale: 0.001')
+angle_mismatch = above(REACH['rad'], 'radians up to pi', 'degrees', 'scale: 0.017453292519943295')
+displacement_mismatch = above(REACH['m'], 'metres, less than 0.5', 'millimetres', 'scale: 0.001')
 strain_mismatch = above(0.5, 'a fraction such as 0.05', 'percent', 'scale: 0.01')
 power_mismatch = above(2e3, 'watts, at most 2000', 'milliwatts', 'scale: 0.001')
 

@@ -24,6 +24,7 @@ from sma_sim.evidence.control.predictive import PredictiveController
 from sma_sim.evidence.data.rosbag.interface import PAIR_COMMAND, interface_of
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
+from sma_sim.model.unit_mismatch import REACH
 from sma_sim.ros.command import ENVIRONMENT
 from sma_sim.ros.command_session import WARNING, LastMessage, publish_last
 from sma_sim.ros.control import Diagnostics
@@ -56,7 +57,8 @@ class ModelController:
         tried.step(0.0, {tried.coordinate: 0.0}, np.zeros_like)
         self._structure, self._messages, self._coordinate = structure, Messages(structure), tried.coordinate
         self._period, self._silence = 1.0 / given['control.rate'], given['control.silence']
-        self._limit = structure.coordinates[structure.coordinate_names.index(tried.coordinate)].limit
+        followed = structure.coordinates[structure.coordinate_names.index(tried.coordinate)]
+        self._limit = min(followed.limit, REACH.get(followed.unit, math.inf))
         self._joint = str(config.settings[f'check.name_{tried.coordinate}'])
         topic = interface_of(structure).heating_topic
         self._pair = topic == PAIR_COMMAND

@@ -32,6 +32,8 @@ def test_what_no_controller_can_follow_is_said():
     law = FeedforwardPI(Config())
     with pytest.raises(UserError, match='target: expected a function; got 0.05'):
         law.step(0.0, {'alpha': 0.0}, 0.05)
+    with pytest.raises(UserError, match='target of alpha: expected radians up to pi, got 5, which looks like degrees'):
+        law.step(0.0, {'alpha': 0.0}, lambda times: 5.0 + 0.0 * times)
     with pytest.raises(UserError, match='T_E = 25: expected kelvin'):
         law.observe(0.0, None, None, 25.0)
 

@@ -92,9 +92,9 @@ def test_bags_are_chosen_on_the_page(browser, tmp_path):
     (tmp_path / 'runs').mkdir()
     source = tmp_path / 'steps.csv'
     source.write_text('time_s,J_eq_W\n0,0\n1,8\n4,-8\n8,0\n')
-    for name in ('one', 'two'):
+    for name, other in (('one', ()), ('two', ('--set', 'beam.E=2.1e9'))):
         out = tmp_path / 'runs' / f'{name}.mcap'
-        assert main(['simulate', '--input', str(source), '--out', str(out), '--integration-rate', '100']) == 0
+        assert main(['simulate', '--input', str(source), '--out', str(out), '--integration-rate', '100', *other]) == 0
     (tmp_path / 'runs' / 'notes.txt').write_text('not for the page')
     for element, chosen in (('recordings-files', tmp_path / 'runs' / 'one.mcap'), ('recordings-folder', tmp_path / 'runs')):
         with serving(tmp_path / element) as server:

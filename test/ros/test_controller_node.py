@@ -91,12 +91,14 @@ def test_follows_a_trajectory_and_ends_with_zero(law):
         assert not loop.seen['J_eq']  # no target yet
         loop.paths.publish(path((1.0, 0.1), joint='beta'))
         loop.targets.publish(Float64(data=math.nan))
+        loop.targets.publish(Float64(data=5.0))  # degrees
         loop.paths.publish(path((2.0, 0.04), (60.0, 0.04)))
         loop.until(lambda: abs(loop.alpha - 0.04) < 2e-3, 120.0)
         loop.targets.publish(Float64(data=-0.03))
         loop.until(lambda: abs(loop.alpha + 0.03) < 2e-3, 120.0)
         log = loop.end()
         assert "joint_names = ['beta']" in log and 'alpha refused: nan' in log
+        assert 'alpha refused: 5.0: expected -3.142 to 3.142' in log
         loop.until(lambda: loop.last('J_eq') == 0.0 and loop.last('J_eq_applied') == 0.0)
 
 

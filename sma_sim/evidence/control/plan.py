@@ -44,6 +44,7 @@ from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.parameters import wire_constants
+from sma_sim.model.unit_mismatch import mismatch_of
 from sma_sim.solver.columns import sample_columns
 from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS
 from sma_sim.solver.model import Model
@@ -197,6 +198,7 @@ class Planner:
                 f'control.coordinate = {self.coordinate!r} is none of system {structure.name}'
                 f'{suggestion(self.coordinate, known)}; expected one of {", ".join(known)}'
             )
+        self._column = structure.coordinates[known.index(self.coordinate)].column
         self._number, self._given, self._iterations = known.index(self.coordinate), given, iterations
         self.period = 1.0 / given['control.rate']
         scale = structure.coordinates[self._number].size(structure.constants_of(given))
@@ -266,6 +268,8 @@ class Planner:
                 f'target: expected a finite value of the coordinate for each of {len(times)} times, got an array of shape '
                 f'{values.shape}'
             )
+        if mismatch := mismatch_of(self._column, np.atleast_1d(values)):
+            raise UserError(f'target of {self.coordinate}: {mismatch.words}')
         return np.broadcast_to(values, times.shape)
 
     def _load(self, T_E: float) -> None:

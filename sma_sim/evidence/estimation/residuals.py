@@ -158,7 +158,7 @@ def fit_data(
         )
     for name in channels:
         if not (np.isfinite(noise_std.get(name, np.nan)) and noise_std[name] >= 0.0):
-            raise UserError(f'{recording.name}: no noise is known for channel {name}; give it as noise_std in meta.json')
+            raise UserError(f'{recording.name}: no noise is known for channel {name}; give it as noise_std of the Dataset')
     structure = known_structures()[recording.system]
     sizes = dict(zip(structure.channels, channel_scales(structure), strict=True))
     rows = thinned_rows([np.isfinite(recording.channels[name]) for name in channels], every)
