@@ -380,36 +380,6 @@ PARTS = (
         ),
     ),
     Part(
-        'closed_loops',
-        'Recordings of closed loops',
-        minutes=8,
-        command=script('closed_loops'),
-        text='A robot with hidden gravity and natural convection follows three references under a PI controller at 50 Hz, '
-        'or gets 10 random steps: `sma-sim compare` of two bags of 100 s as a process of its own, and a diagnosis of three '
-        'recordings with pose and forces.',
-        subject=FITS,
-        headline=lambda r: (
-            f'compare {cell(r["sma-sim compare of two bags"]["closed loop"]["processor_s"])} processor s; a diagnosis takes '
-            f'{cell(r["closed loop over steps"]["processor time"])} times that of steps'
-        ),
-    ),
-    Part(
-        'campaign',
-        'A long campaign',
-        minutes=15,
-        command=script('campaign', '--largest', '{count}'),
-        text='Fits of recordings of 100 s with five channels at 50 Hz and 10 random steps each, and of one of two hours: '
-        'the parameters that are free by default, one start, intervals. `data`: what recordings take, `beyond`: the most '
-        'that the process takes beside them; on a cluster of two workers, `useful` is the processor time of the fit in one '
-        'thread over that of all its processes.',
-        subject=FITS,
-        headline=lambda r: (
-            f'{span([row["processor_s"] / row["data_MB"] for row in r["a fit"].values()], " s")} for each MB of recordings, '
-            f'{100.0 * r["cluster"]["useful"]:.0f} % of a cluster useful'
-        ),
-        whole=200,
-    ),
-    Part(
         'tangents',
         'Derivatives of a fit',
         minutes=1,
@@ -538,6 +508,36 @@ PARTS = (
         headline=lambda r: f'95 % intervals that hold the truth: {r["pooled coverage"]}',
         share=0.12,
         whole=60,
+    ),
+    Part(
+        'closed_loops',
+        'Recordings of closed loops',
+        minutes=8,
+        command=script('closed_loops'),
+        text='A robot with hidden gravity and natural convection follows three references under a PI controller at 50 Hz, '
+        'or gets 10 random steps: `sma-sim compare` of two bags of 100 s as a process of its own, and a diagnosis of three '
+        'recordings with pose and forces.',
+        subject=FITS,
+        headline=lambda r: (
+            f'compare {cell(r["sma-sim compare of two bags"]["closed loop"]["processor_s"])} processor s; a diagnosis takes '
+            f'{cell(r["closed loop over steps"]["processor time"])} times that of steps'
+        ),
+    ),
+    Part(
+        'campaign',
+        'A long campaign',
+        minutes=15,
+        command=script('campaign', '--largest', '{count}'),
+        text='Fits of recordings of 100 s with five channels at 50 Hz and 10 random steps each, and of one of two hours: '
+        'the parameters that are free by default, one start, intervals. `data`: what recordings take, `beyond`: the most '
+        'that the process takes beside them; on a cluster of two workers, `useful` is the processor time of the fit in one '
+        'thread over that of all its processes.',
+        subject=FITS,
+        headline=lambda r: (
+            f'{span([row["processor_s"] / row["data_MB"] for row in r["a fit"].values()], " s")} for each MB of recordings, '
+            f'{100.0 * r["cluster"]["useful"]:.0f} % of a cluster useful'
+        ),
+        whole=200,
     ),
     Part(
         'designs',
