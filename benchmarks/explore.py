@@ -63,9 +63,12 @@ def memory_of(pid: int) -> float:
 
 
 def processor_of(pid: int) -> float:
-    """Processor time of a process and all that it has started and that have ended [s]."""
+    """Processor time of a process and of all that it has started [s]."""
+    found = 0.0
+    for path in (Path('/proc') / str(pid)).glob('task/*/children'):
+        found += sum(processor_of(int(child)) for child in path.read_text().split())
     words = (Path('/proc') / str(pid) / 'stat').read_text().rpartition(')')[2].split()
-    return sum(map(int, words[11:15])) / os.sysconf('SC_CLK_TCK')
+    return found + sum(map(int, words[11:15])) / os.sysconf('SC_CLK_TCK')
 
 
 def until(browser: Any, script: str, longest: float = 300.0) -> None:
