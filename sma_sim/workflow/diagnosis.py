@@ -41,7 +41,9 @@ def confounded(found: Diagnosis) -> tuple[str, ...]:
     given = len(found.selection_steps[0].base.effects)
     for step in reversed(found.deciding_steps):
         if step.accepted is not None and step.accepted.indistinguishable:
-            before = step.base.effects[given:]
+            named = {*found.effects, *(name.partition('@')[0] for name in found.effects)}
+            # what stands for an equation beside them is no effect that a command knows
+            before = [name for name in step.base.effects[given:] if name.partition('@')[0] in named]
             return tuple('+'.join((*before, name)) for name in (step.accepted.name, *step.accepted.indistinguishable))
     return ()
 

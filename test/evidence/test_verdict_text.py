@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from sma_sim import Config
 from sma_sim.evidence.diagnosis.conclusion import HeldOutVerdict, PooledErrors
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter
@@ -12,6 +13,7 @@ from sma_sim.evidence.estimation.uncertainty import AmbientDifference, Interval
 from sma_sim.model.effects.discovery import find_effects
 from sma_sim.words.diagnosis_text import as_text, firmness_lines, headline, remarks, short_title
 from sma_sim.words.proposed_equation import error_words
+from sma_sim.workflow.diagnosis import confounded
 
 EFFECTS = {name: found.effect for name, found in find_effects().items()}
 VALUES = {'gravity.g_y': (-9.8, -9.9, -9.7), 'gravity.g_x': (0.4, -1.0, 2.0), 'radiation.emissivity': (0.3, 0.2, 0.4)}
@@ -268,3 +270,20 @@ def test_a_share_that_an_effect_does_not_explain_is_not_said():
 @pytest.mark.parametrize(('last', 'verb'), [(1.0, 'falls from 2.00 to 1.00'), (3.0, 'rises from 2.00 to 3.00')])
 def test_an_error_that_rises_is_said_to_rise(last, verb):
     assert f'of the held-out runs {verb} times the noise' in error_words(stage((), 2.0), stage(('f',), last))
+
+
+def test_a_printed_command_names_effects_only():
+    """Beside effects a model may have what stands for an equation, which no command knows."""
+    accepted = SimpleNamespace(name='radiation', indistinguishable=('natural_convection',))
+    step = SimpleNamespace(
+        accepted=accepted, base=SimpleNamespace(effects=('creep', 'any_actuation', 'joint_friction@form_dq'))
+    )
+    nominal = SimpleNamespace(base=SimpleNamespace(effects=('creep',)))
+    found = SimpleNamespace(
+        calibration=SimpleNamespace(config=Config()),
+        selection_steps=(nominal,),
+        deciding_steps=(step,),
+        effects=('joint_friction', 'radiation'),
+    )
+    beside = 'joint_friction@form_dq'
+    assert confounded(found) == (f'{beside}+radiation', f'{beside}+natural_convection')
