@@ -86,7 +86,7 @@ def test_where_nothing_changes_nothing_is_said():
         ('gravity', {'g_y': -2.0}),
         pytest.param('wire.lambda', {'wire.lambda': 0.1}, marks=pytest.mark.slow),
         ('joint_friction', {'M_c': 0.005}),
-        ('sensor_jump', {'alpha': 0.002}),
+        pytest.param('sensor_jump', {'alpha': 0.002}, marks=pytest.mark.slow),
         pytest.param('T_E', {'T_E': 3.0}, marks=pytest.mark.slow),
         pytest.param('lost_wires', {'part': 0.1}, marks=pytest.mark.slow),
     ],
