@@ -15,6 +15,7 @@ from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.prepared_fit import prepare
 from sma_sim.evidence.estimation.residuals import Nuisance, fit_data, weighted_residuals
 from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.model_selection.score_tests import ScoreTests
 from sma_sim.evidence.residual_analysis.wire_tests import characterization
 from sma_sim.evidence.search import propose
 from sma_sim.evidence.search.components import catalogue_for
@@ -188,7 +189,7 @@ def test_noise_of_a_thermometer_in_sparse_rows_is_no_effect(tmp_path, seed):
     with executor_or_threads(None) as pool:
         context = SearchContext(pool, Event(), lambda line: None)
         fit = multistart_search(prepare(dataset, truth, 'hybrid'), FitOptions(starts=1), context)
-        promised = propose.listed(fit, catalogue_for(fit, context), set(EFFECTS), context)
+        promised = propose.listed(ScoreTests(fit.problem, fit.z, context.pool), catalogue_for(fit, context), set(EFFECTS))
     assert fit.values_of('functional_fatigue')['eps_r'] == pytest.approx(2e-3, rel=0.15)
     assert max((one.promise for one in promised), default=0.0) < 5.0
 

@@ -28,8 +28,8 @@ from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection import score_tests
 from sma_sim.evidence.model_selection.candidates import candidates_for, with_effect
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
-from sma_sim.evidence.model_selection.refit import at_finite_step, refit
-from sma_sim.evidence.model_selection.score_tests import screen
+from sma_sim.evidence.model_selection.refit import at_finite_step, refit, without_effect
+from sma_sim.evidence.model_selection.score_tests import ScoreTests, screen
 from sma_sim.evidence.model_selection.sketches import sketched, with_candidate
 from sma_sim.report.error_reduction_figure import draw_error_reduction
 from sma_sim.report.html.diagnosis_page import reduction_figure, write_diagnosis_page
@@ -171,6 +171,37 @@ def test_a_score_test_probes_a_weak_effect_at_its_own_strength():
     with ThreadPoolExecutor(1) as pool:
         (result,) = screen(problem, z, [found], pool)
     assert result.values['G'] == pytest.approx(3e-3, rel=0.1)
+
+
+def test_what_may_stand_in_place_of_an_effect_is_told_by_responses_beside_it(with_gravity, monkeypatch):
+    """As score tests without the effect tell it, to first order; what the model lacks beside it asks for few more."""
+    fit, counts = with_gravity[1].selection_steps[0].accepted.fit, Counter()
+    base, z = without_effect(fit, 'gravity')
+    candidates = [
+        one for one in candidates_for(config()) if one.name in ('gravity', 'sensor_bias', 'beam_creep', 'radiation')
+    ]
+    with ThreadPoolExecutor(1) as pool:
+        tests = ScoreTests(fit.problem, fit.z, pool)
+        in_place = {one.candidate.name: one for one in tests.in_place(base, z, candidates)}
+        alone = {one.candidate.name: one for one in screen(base, z, candidates, pool)}
+        evaluate = problem_module.residuals_of_all
+
+        def counted(models, *arguments):
+            counts['models'] += len(models)
+            return evaluate(models, *arguments)
+
+        monkeypatch.setattr(problem_module, 'residuals_of_all', counted)
+        others = [one for one in candidates if one.name != 'gravity']
+        beside = tests.beside(others)
+        of_nearer = counts.pop('models', 0)
+        again = ScoreTests(fit.problem, fit.z, pool).beside(others)
+    assert 'gravity' in in_place and in_place['gravity'].gain == pytest.approx(alone['gravity'].gain, rel=0.05)
+    large = [name for name, one in alone.items() if one.gain > 0.1 * alone['gravity'].gain]
+    assert len(large) > 1
+    for name in large:
+        assert in_place[name].gain == pytest.approx(alone[name].gain, rel=0.2)
+    assert [one.candidate.name for one in beside] == [one.candidate.name for one in again]
+    assert of_nearer < 0.3 * counts['models']
 
 
 def cannot_be_made(run):

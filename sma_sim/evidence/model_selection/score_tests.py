@@ -7,10 +7,10 @@ decreases by the largest of -2 a s'r - a^2 s's' over a >= 0.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from itertools import product
 
 import numpy as np
@@ -24,11 +24,13 @@ from sma_sim.evidence.estimation.problem import (
     linearize,
     near,
     normal_equations,
+    residuals_at,
     residuals_under,
 )
 from sma_sim.evidence.model_selection.candidates import Candidate, Probe, at_instants, instants_of, with_effect
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.model.arrays import Matrix, Vector
+from sma_sim.solver.simulate import SimulationError
 
 WEAK = 0.5  # of a step, below which a strength is probed again: a response over it is no longer the slope
 
@@ -42,18 +44,85 @@ class ScreeningResult:
     values: Mapping[str, float]
 
 
+class ScoreTests:
+    """The score tests of candidates beside a fit, or in place of one of its effects.
+
+    Responses to probes beside the fit are kept: they serve both.
+    """
+
+    def __init__(self, problem: Problem, z: Vector, pool: Executor) -> None:
+        self._problem, self._z, self._pool = problem, z, pool
+        self._known: dict[int, Vector | None] = {}  # by the id of the probe
+        self._probed: list[Candidate] = []  # whose ids no other object gets, as long as they are here
+
+    @cached_property
+    def linear(self) -> list[LinearizedRun]:
+        """The fit linearised. Raises SimulationError."""
+        return linearize(self._problem, self._z, self._pool)
+
+    def beside(self, candidates: Sequence[Candidate]) -> tuple[ScreeningResult, ...]:
+        """The candidates by gain, the largest first; those that the channels cannot see are left out. Raises
+        SimulationError."""
+        return ranked(self._problem, self.linear, candidates, self.responses)
+
+    def in_place(self, rest: Problem, z: Vector, candidates: Sequence[Candidate]) -> tuple[ScreeningResult, ...]:
+        """The same beside what an effect less leaves of the fit: the problem `rest`, at its z.
+
+        To first order, responses are those beside the whole fit, and its derivatives are those of the rest. What acts as the
+        effect does, in other places too, cannot act beside it, and is probed without it. Raises SimulationError.
+        """
+        kept = [k for k, free in enumerate(self._problem.free) if free in rest.free]
+        kept += range(len(self._problem.free), len(self._problem.unknowns))
+        shown = residuals_at(near(rest, [run.correction for run in self.linear]), z, self._pool)
+        linear = [
+            replace(run, indices=indices, residuals=here, jacobian=run.jacobian[kept[: len(indices)]])
+            for run, indices, here in zip(self.linear, rest.indices(), shown, strict=True)
+            if here is not None
+        ]
+        if len(linear) < len(shown):
+            raise SimulationError('the model cannot be run without one of its effects')
+        law = {one.found.effect.plain_name for one in self._problem.config.effects if one not in rest.config.effects}
+
+        def responses(some: Sequence[Candidate]) -> Mapping[int, Vector]:
+            alike = [one for one in some if one.found.effect.plain_name in law]
+            others = [one for one in some if one.found.effect.plain_name not in law]
+            return {**self.responses(others), **probe_all(rest, z, alike, linear, self._pool)}
+
+        return ranked(rest, linear, candidates, responses)
+
+    def responses(self, candidates: Sequence[Candidate]) -> Mapping[int, Vector]:
+        """The changes (N,) of all residuals by the probes of candidates beside the fit, each made once; by the probe's id,
+        without those that cannot be run."""
+        probes = [[id(probe) for family in one.families for probe in family] for one in candidates]
+        new = [one for one, own in zip(candidates, probes, strict=True) if not self._known.keys() >= set(own)]
+        found = probe_all(self._problem, self._z, new, self.linear, self._pool)
+        self._known |= {id(probe): found.get(id(probe)) for one in new for family in one.families for probe in family}
+        self._probed += new
+        known = {key: self._known[key] for own in probes for key in own}
+        return {key: response for key, response in known.items() if response is not None}
+
+
 def screen(problem: Problem, z: Vector, candidates: Sequence[Candidate], pool: Executor) -> tuple[ScreeningResult, ...]:
-    """The candidates by gain, the largest first; those that the channels cannot see are left out."""
-    linear = linearize(problem, z, pool)
+    """The candidates beside a fit by gain (`ScoreTests.beside`)."""
+    return ScoreTests(problem, z, pool).beside(candidates)
+
+
+def ranked(
+    problem: Problem,
+    linear: Sequence[LinearizedRun],
+    candidates: Sequence[Candidate],
+    responses: Callable[[Sequence[Candidate]], Mapping[int, Vector]],
+) -> tuple[ScreeningResult, ...]:
+    """The candidates by gain, the largest first, from the `responses` to their probes."""
     residuals = np.concatenate([run.residuals.ravel() for run in linear])
     if any(instants_of(candidate.found) for candidate in candidates):
         instants = change_points(problem, linear)
         candidates = [at_instants(candidate, instants) for candidate in candidates]
-    project = Projection(linear, len(z), problem.tempering)
+    project = Projection(linear, len(problem.unknowns), problem.tempering)
 
     def tested(some: Sequence[Candidate]) -> list[ScreeningResult]:
-        responses = probe_all(problem, z, some, linear, pool)
-        return [score_test(candidate, responses, project, residuals) for candidate in some]
+        shown = responses(some)
+        return [score_test(candidate, shown, project, residuals) for candidate in some]
 
     found = tested(candidates)
     weak = {k: Candidate(one.candidate.found, (family,)) for k, one in enumerate(found) if (family := nearer_probes(one))}

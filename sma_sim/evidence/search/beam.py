@@ -13,6 +13,7 @@ from sma_sim.evidence.estimation.problem import residuals_at
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.nominal_fit import report_model
 from sma_sim.evidence.model_selection.refit import without_effect
+from sma_sim.evidence.model_selection.score_tests import ScoreTests
 from sma_sim.evidence.search import propose
 from sma_sim.evidence.search.components import Catalogue, Component, catalogue_for
 from sma_sim.evidence.search.refine import (
@@ -51,6 +52,15 @@ class Book:
     catalogue: Catalogue
     kinetics: bool
     models: dict[tuple[frozenset[str], str], Model] = field(default_factory=dict)
+    _tests: tuple[FitResult, ScoreTests] | None = None
+
+    def tests_of(self, fit: FitResult, context: SearchContext) -> ScoreTests:
+        """The score tests beside a fit; the last are kept, since what stands in place of an effect is followed by what its
+        model lacks."""
+        if self._tests is None or self._tests[0] is not fit:
+            self._tests = None  # first: responses take much memory
+            self._tests = fit, ScoreTests(fit.problem, fit.z, context.pool)
+        return self._tests[1]
 
     def add(self, models: Iterable[Model | None]) -> list[Model]:
         """Keep models, of two fits of one the better; those as they stand now."""
@@ -260,7 +270,7 @@ def expand(parent: Model, book: Book, context: SearchContext) -> None:
     """Add to the book what a model may lack one of, fitted; what a score test passes over where that leaves something."""
     taken = {component.plain_name for component in parent.components}
     context.on_progress(f'what {words(parent)} may lack')
-    proposals = propose.listed(parent.fit, book.catalogue, taken, context)[:SKETCHED]
+    proposals = propose.listed(book.tests_of(parent.fit, context), book.catalogue, taken)[:SKETCHED]
     more = propose.differing(parent.fit, parent.names, context) if not parent.leaves_nothing else []
     first = [one.component for one in (*proposals, *more[:DIFFERENCES])]
     found = add_extended(parent, first, book, context)
@@ -349,7 +359,7 @@ def exchange(best: Model, component: Component, book: Book, context: SearchConte
     context.on_progress(f'what may stand in place of {component.name}')
     base = stripped(best, (component,))
     taken = {one.plain_name for one in base.components}
-    proposals = propose.listed(base.fit, book.catalogue, taken, context)
+    proposals = propose.listed(book.tests_of(best.fit, context), book.catalogue, taken, base.fit)
     own = next((one.promise for one in proposals if one.component.name == component.name), 0.0)
     if base.components or own < WINDOW / EXCHANGE_SHARE:
         book.add([without(best, component, context)])
@@ -378,7 +388,8 @@ def exchange_difference(best: Model, component: Component, book: Book, context: 
         return
     context.on_progress(f'which effect may stand in place of {component.name}')
     base = without_difference(best, component, book.ranked(0)[0].fit.problem)
-    proposals = propose.listed(base.fit, book.catalogue, {one.plain_name for one in base.components}, context)
+    taken = {one.plain_name for one in base.components}
+    proposals = propose.listed(book.tests_of(base.fit, context), book.catalogue, taken)
     add_extended(base, [one.component for one in proposals[:SKETCHED]], book, context, restarts=False)
 
 

@@ -16,7 +16,7 @@ from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import Candidate
 from sma_sim.evidence.model_selection.differing_recordings import promises
 from sma_sim.evidence.model_selection.refit import at_finite_step
-from sma_sim.evidence.model_selection.score_tests import ScreeningResult, screen
+from sma_sim.evidence.model_selection.score_tests import ScoreTests, ScreeningResult, screen
 from sma_sim.evidence.model_selection.variants import forms_of
 from sma_sim.evidence.search.components import Catalogue, Component, difference_component, formula_log_prior, log_prior_of
 from sma_sim.evidence.search.refine import Model
@@ -36,12 +36,14 @@ class Proposal:
     promise: float
 
 
-def listed(base: FitResult, catalogue: Catalogue, taken: Collection[str], context: SearchContext) -> list[Proposal]:
-    """Effects and their scopes by what they promise beside a fit, those of effects `taken` left out; none where the model
-    cannot be linearised."""
+def listed(
+    tests: ScoreTests, catalogue: Catalogue, taken: Collection[str], without: FitResult | None = None
+) -> list[Proposal]:
+    """Effects and their scopes by what they promise beside the fit of some score tests, or `without` one of its effects;
+    those of effects `taken` left out, and none where the model cannot be linearised."""
     candidates = [one for one in catalogue.candidates if one.found.effect.plain_name not in taken]
     try:
-        screened = screen(base.problem, base.z, candidates, context.pool)
+        screened = tests.beside(candidates) if without is None else tests.in_place(without.problem, without.z, candidates)
     except SimulationError:
         return []
     return promising(

@@ -42,6 +42,7 @@ from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import NOMINAL_MODEL, WEAKLY_DAMPED
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.refit import refit
+from sma_sim.evidence.model_selection.score_tests import ScoreTests
 from sma_sim.evidence.search import propose
 from sma_sim.evidence.search.components import catalogue_for
 from sma_sim.evidence.search.refine import SKETCHED, WINDOW, Model, extended, model_of
@@ -387,7 +388,7 @@ def may_be_an_effect(step: Step, context: SearchContext) -> bool:
         return False
     context.on_progress(f'the set-up: may an effect look as if {step.fault.words}?')
     base = step.before.fit
-    listed = propose.listed(base, catalogue_for(base, context), (), context)[:SKETCHED]
+    listed = propose.listed(ScoreTests(base.problem, base.z, context.pool), catalogue_for(base, context), ())[:SKETCHED]
     components = [one.component for one in (*listed, *propose.differing(base, (), context))]
     rivals = extended(step.before, components, context, restarts=False) if components else []
     return explain_as_well(rivals, step.after, step.log_prior)
