@@ -158,6 +158,7 @@ def test_zero_where_nothing_is_known_or_a_limit_is_passed(asked, seen, at, kind)
 
 def test_cycles_are_counted_and_end_the_heating_of_a_worn_wire():
     guard = Guard(Config({'guard.cycles_max': 3.0}))
+    assert guard.limit(1.0, estimate(x_M=(np.nan, np.nan), time=-1.0), -1.0).J_eq == (0.0,)  # and no turn to count from
     x = 0.45 + 0.25 * np.sin(np.linspace(0.0, 2.0 * np.pi * 3.0, 600))  # three cycles of wire 1, small ones of wire 2
     small = 0.5 + 0.04 * np.sin(np.linspace(0.0, 60.0, 600))
     for k, pair in enumerate(zip(x, small, strict=True)):
@@ -176,7 +177,9 @@ def test_counters_survive_a_restart(tmp_path):
     again = Guard(Config(), Counters.read(file, 2))
     again.limit(5.0, None, 0.0)
     assert again.counters.interventions == {'no estimate': 2} and again.counters.cycles == [0.0, 7.5]
-    for text in ('{', '[]', '{"interventions": {}, "cycles": [1.0]}', '{"interventions": {"a": "b"}, "cycles": [0, 0]}'):
+    counts, cycles = ('{}', '{"a": "b"}', '{"a": Infinity}'), ('[1.0]', '[0, 0]', '[0, 0]')
+    wrong = [f'{{"interventions": {a}, "cycles": {b}}}' for a, b in zip(counts, cycles, strict=True)]
+    for text in ('{', '[]', *wrong):
         file.write_text(text)
         with pytest.raises(UserError, match='guard.counters'):
             Counters.read(file, 2)

@@ -83,7 +83,7 @@ class Counters:
             data: Any = json.loads(path.read_text(encoding='utf-8'))
             counts = Counter({str(name): int(number) for name, number in data['interventions'].items()})
             cycles = [float(number) for number in data['cycles']]
-        except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+        except (OSError, ValueError, OverflowError, TypeError, KeyError, AttributeError) as error:
             raise UserError(
                 f'guard.counters = {path}: expected a JSON file with interventions and cycles, as the guard writes it'
             ) from error
@@ -165,7 +165,7 @@ class Guard:
         asked = np.atleast_1d(as_array('J_eq', J_eq, '[W]'))
         if asked.shape != (self._size,):
             raise UserError(f'J_eq = {J_eq}: expected {self._size} number(s) [W]')
-        if estimate is not None:
+        if estimate is not None and np.isfinite(estimate.x_M).all():
             self._count_cycles(estimate.x_M)
         scale, kind, reason = self._judged(asked, estimate, time)
         if kind and kind != self._kind:
@@ -235,7 +235,9 @@ class Guard:
         T, rise = self._prediction(heating, estimate, self._limits['horizon'])
         limit = self._limits['T_max'] - self._limits['margin'] * estimate.T_std
         scale, wire = smallest(limit - T, rise)
-        return scale, f'T of wire {wire + 1} would be {T[wire] + rise[wire]:.1f} K (guard.T_max {self._limits["T_max"]:g} K)'
+        known, highest = f'known to {estimate.T_std[wire]:.1f} K', T[wire] + rise[wire]
+        limits = f'guard.T_max {self._limits["T_max"]:g} K, guard.margin {self._limits["margin"]:g}'
+        return scale, f'T of wire {wire + 1} would be {highest:.1f} K, {known} ({limits})'
 
     def _by_stress(self, heating: Vector, estimate: Estimate) -> tuple[float, str]:
         """A wire that is not heated is stretched by the others: as fast as until now, as long as they are."""
