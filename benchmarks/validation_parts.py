@@ -513,7 +513,7 @@ PARTS = (
         'closed_loops',
         'Recordings of closed loops',
         minutes=8,
-        command=script('closed_loops'),
+        command=script('loops'),
         text='A robot with hidden gravity and natural convection follows three references under a PI controller at 50 Hz, '
         'or gets 10 random steps: `sma-sim compare` of two bags of 100 s as a process of its own, and a diagnosis of three '
         'recordings with pose and forces.',

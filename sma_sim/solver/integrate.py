@@ -114,9 +114,6 @@ MAX_GROWTH = (5.0, 2.5)  # of a step, after another: hybrid, MAS, where fronts a
 # Of the order that rejected steps show: below which it is that of a front, as where a MAS wire begins to transform; growth
 # after a step up to one, since what follows is smooth again
 OF_FRONT, AFTER_FRONT = 3.0, 5.0
-# The same where the error does not fall with the step at all, and the most of the tolerance with which a step is then taken:
-# what passes within a hundredth of it, as a MAS wire that transforms follows a row, is seen no better by a half of it
-OF_LAYER, LAYER_ERROR = 1.0, 1.5
 MIN_STEP = 1e-12  # relative to the time passed, plus this many seconds
 BURST, BURST_WINDOW, FIRST_DWELL = 16, 1e-3, 1e-5
 WINDOW = 20_000  # steps, tried ones included, over which a stalled run is told from one in a fast transient
@@ -368,8 +365,6 @@ def accepted_step(t: float, h: float, run: Run, segment: Segment, p: System, w: 
         if has_fronts and error > 1.0 and larger > 1.0 and np.isfinite(error) and np.isfinite(larger):
             order = min(max(np.log(larger / error) / np.log(longer / step), 1.0), order)
             is_front = is_front or order < OF_FRONT
-            if order <= OF_LAYER and error <= LAYER_ERROR:
-                error = 1.0
         longer, larger = step, error
         factor = min(MAX_GROWTH[int(p.mas)], max(0.15, 0.9 * max(error, 1e-10) ** (-1.0 / order)))
         if error <= 1.0:

@@ -433,6 +433,6 @@ def test_held_out_by_default_and_by_wish():
     for order in permutations(named.recordings):
         training, held = hold_out_last(replace(named, recordings=order), None)
         assert [one.name for one in (*training.recordings, *held.recordings)] == ['run2', 'run9', 'run10']
-    chosen = replace(runs, recordings=runs.recordings[:1])
+    chosen = replace(runs, recordings=named.recordings[1:2])
     assert hold_out_last(training, chosen) == (training, chosen)
     assert hold_out_last(training, None) == (training, None)

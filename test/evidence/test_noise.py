@@ -120,7 +120,7 @@ def test_who_overrides_whom(tmp_path):
 def test_folders_that_differ(tmp_path):
     for name, std in (('a', 3.0), ('b', 4.0)):
         (tmp_path / name).mkdir()
-        write_recording(tmp_path / name / 'run.csv', module_columns())
+        write_recording(tmp_path / name / 'run.csv', module_columns(600, int(std)))
         (tmp_path / name / 'meta.json').write_text(json.dumps({'noise_std': {'F_1': std}}))
     dataset = read_dataset([tmp_path / 'a', tmp_path / 'b'], 'module', 298.0)
     assert dataset.noise_std['F_1'] == pytest.approx(np.sqrt(12.5))

@@ -98,7 +98,7 @@ def test_follows_a_trajectory_and_ends_with_zero(law):
         loop.until(lambda: abs(loop.alpha + 0.03) < 2e-3, 120.0)
         log = loop.end()
         assert "joint_names = ['beta']" in log and 'alpha refused: nan' in log
-        assert 'alpha refused: 5.0: expected -3.142 to 3.142' in log
+        assert 'alpha refused: 5.0: expected -1.571 to 1.571' in log
         loop.until(lambda: loop.last('J_eq') == 0.0 and loop.last('J_eq_applied') == 0.0)
 
 

@@ -56,10 +56,10 @@ def test_a_closed_loop_is_as_exact_as_other_runs(system, kind):
 
 
 def test_a_command_that_is_mostly_noise_takes_few_trials():
-    """A MAS wire follows each row within less than a step: rejected steps show that shorter ones gain nothing."""
+    """A MAS wire begins to transform within most rows: rejected steps show the order of that."""
     model = make_model('module', 'mas')
     run = assert_exact(model, closed_loop(model, DURATION, 0, per_scale=100.0))
-    assert run.steps < 2.62 * ROWS and run.rejected < 0.68 * ROWS
+    assert run.steps < 3.0 * ROWS and run.rejected < 0.9 * ROWS
 
 
 @pytest.mark.parametrize('name', ['driver_lag', 'driver_deadband', 'resistance_feedback'])

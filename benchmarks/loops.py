@@ -1,6 +1,6 @@
 """Recordings of a robot in its loop beside recordings with steps: `sma-sim compare` of bags, and whole diagnoses.
 
-python benchmarks/closed_loops.py [--seed 39000] [--turns 3] [--diagnoses 1] [--json FILE]
+python benchmarks/loops.py [--seed 39000] [--turns 3] [--diagnoses 1] [--json FILE]
 
 A robot with hidden gravity and natural convection follows three references under a PI controller at 50 Hz; the same robot
 gets 10 random steps. `compare` is a process of its own that reads two bags of 100 s, with everything compiled before: the
