@@ -118,7 +118,7 @@ def test_no_wire_burns_while_the_controller_does_not_go_on(law):
     limit, simulated = 350.0, 3.0  # [K], [s]
     with Loop('-p', 'control.target:=0.15', '-p', 'control.hold:=true', '-p', f'guard.T_max:={limit}',
               '-p', f'control.law:={law}', watched=((Temperature, 'wire_1/temperature'),)) as loop:  # fmt: skip
-        loop.until(lambda: loop.last('J_eq_applied') > 1.0, ros_client.FIRST_MESSAGE)
+        loop.until(lambda: loop.last('J_eq_applied') > 1.0 and loop.seen['joint_states'], ros_client.FIRST_MESSAGE)
         loop.control.send_signal(signal.SIGSTOP)
         begin = loop.time
         loop.until(lambda: loop.time > begin + simulated)
