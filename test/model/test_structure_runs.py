@@ -72,6 +72,7 @@ TRANSFORMING = {
 }  # [W], at which hybrid wires of little heat still transform a second later
 
 
+@pytest.mark.filterwarnings('error::pytest.PytestUnraisableExceptionWarning')  # of kernels that fail as plain Python
 @pytest.mark.parametrize('kind', KINDS)
 @pytest.mark.parametrize('name', [*sorted(set(MOVING) - {'module', 'stack'}), pytest.param('stack', marks=pytest.mark.slow)])
 def test_order_of_steps_of_every_structure(name, kind, interpreted):
