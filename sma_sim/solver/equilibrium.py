@@ -141,6 +141,27 @@ def start_at(state: SystemState, point: InputPoint, requested: Vector, p: System
     return True
 
 
+def take_fractions(state: SystemState, point: InputPoint, parts: Vector, p: System, w: Work) -> None:
+    """Give the wires fractions as `parts` (wires,) of those that their temperatures and strains admit, the pose as it is: 0
+    where sigma = sigma_A, as of a wire that cools, 1 where sigma = sigma_M, as of one that is heated."""
+    mode, x_frozen, least = state.mode, state.x_frozen, w.stages[1]
+    for side in (TO_MARTENSITE, TO_AUSTENITE):
+        for i in range(p.wires):
+            mode[i] = side
+        keep_wires(w, p)
+        balance(state, point, p, w, w.first.dy)
+        for i in range(p.wires):
+            x = min(max(w.first.obs[i, O_X], 0.0), 1.0)
+            if side == TO_MARTENSITE:
+                least[i] = x
+            else:
+                x_frozen[i] = least[i] + parts[i] * (x - least[i])
+    for i in range(p.wires):
+        mode[i] = AUSTENITE if x_frozen[i] <= 0.0 else MARTENSITE if x_frozen[i] >= 1.0 else INNER
+    keep_wires(w, p)
+    balance(state, point, p, w, w.first.dy)
+
+
 def start_on_hysteresis_edge(state: SystemState, point: InputPoint, requested: Vector, p: System, w: Work) -> None:
     """Where the requested fractions have no equilibrium at all: put each wire on the nearer edge of its hysteresis."""
     for j in range(p.coordinates):

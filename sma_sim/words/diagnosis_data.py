@@ -111,6 +111,7 @@ def differences(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     return [
         {'what': one.words, 'by_recording': dict(amounts(one, diagnosis))}
         | ({'above_first': {name: asdict(there) for name, there in above_first(diagnosis).items()}} if one.ambient else {})
+        | ({'wires': wires_at_beginning(diagnosis)} if one.in_motion else {})
         for one in diagnosis.differences
     ]
 
@@ -120,8 +121,25 @@ def amounts(difference: RecordingDifference, diagnosis: Diagnosis) -> Iterator[t
     for run in (*diagnosis.calibration.runs, *diagnosis.predicted):
         if difference.channel:
             yield run.name, run.zeros.get(difference.channel, 0.0)
+        elif difference.in_motion:
+            yield run.name, max(run.warmth, default=0.0)
         else:
             yield run.name, run.ambient if difference.ambient else run.name in difference.recordings
+
+
+def wires_at_beginning(diagnosis: Diagnosis) -> dict[str, list[dict[str, float]]]:
+    """By recording and wire, its temperature at the beginning [K]; without an interval where the recording was held out."""
+    known = diagnosis.calibration.uncertainty
+    found = {}
+    for run in (*diagnosis.calibration.runs, *diagnosis.predicted):
+        intervals = known.warmth.get(run.name, ()) if known else ()
+        found[run.name] = [
+            {'T': run.T_E + warmth, 'low': run.T_E + intervals[k].low, 'high': run.T_E + intervals[k].high}
+            if k < len(intervals)
+            else {'T': run.T_E + warmth, 'low': math.nan, 'high': math.nan}
+            for k, warmth in enumerate(run.warmth)
+        ]
+    return found
 
 
 def above_first(diagnosis: Diagnosis) -> dict[str, AmbientDifference]:

@@ -13,12 +13,12 @@ from sma_sim.evidence.diagnosis.review import reviewed
 from sma_sim.evidence.estimation.calibrate import FitOptions, problem_for
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.problem import AMBIENT, linearize, residuals_at, start_point
+from sma_sim.evidence.estimation.problem import AMBIENT, MOTION, WARMTH, linearize, residuals_at, start_point
 from sma_sim.evidence.estimation.recording_differences import AMBIENT_STD, RecordingDifference, with_differences
 from sma_sim.evidence.estimation.residuals import Nuisance, fit_data, planned_run, predict
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.differing_recordings import AMBIENT as UNKNOWN_ROOM
-from sma_sim.evidence.model_selection.differing_recordings import promises, with_difference
+from sma_sim.evidence.model_selection.differing_recordings import IN_MOTION, promises, with_difference
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 from sma_sim.evidence.search.components import Component
 from sma_sim.evidence.search.refine import Model, without_difference
@@ -108,6 +108,72 @@ def test_what_is_promised_at_the_nominal_parameters():
         squares = sum(float(np.vdot(run.residuals, run.residuals)) for run in linearize(problem, z, pool))
     room = found.pop('the ambient temperature')
     assert room > 0.5 * squares and room > max(found.values())
+
+
+def pieces(cuts=(9.0, 17.0, 28.0), length=10.0):
+    """Pieces of one long recording, whose wires are warm from before where they begin, and how warm they were [K]."""
+    times, powers = [0.0, 2.0, 8.5, 14.0, 16.0, 22.0, 27.0, 33.0, 40.0], [0.0, 10.0, 0.0, -9.0, 8.0, 0.0, -12.0, 6.0, 6.0]
+    run, random = sma_sim.simulate(sma_sim.Model(), sma_sim.module_input(times, powers), 10.0), np.random.default_rng(5)
+    columns = {'U_y': 'U_y_m', 'alpha': 'alpha_rad', 'F_1': 'F_1_N', 'F_2': 'F_2_N'}
+    found, warm = [], {}
+    for k, cut in enumerate(cuts, start=1):
+        rows = np.array([cut, *(t for t in times if cut < t < cut + length), cut + length])
+        said = sma_sim.module_input(rows - cut, np.array(powers)[np.searchsorted(times, rows, side='right') - 1])
+        own = slice(round(10.0 * cut), round(10.0 * (cut + length)))
+        noise = {name: NOISE[name] * random.standard_normal(own.stop - own.start) for name in columns}
+        noisy = {name: run[column][own] + noise[name] for name, column in columns.items()}
+        found.append(sma_sim.Recording(f'run{k}', 'module', run.time[own] - cut, noisy, said))
+        warm[f'run{k}'] = [float(run[name][own.start]) for name in ('T_1_K', 'T_2_K')]
+    return tuple(found), warm
+
+
+@pytest.mark.slow
+def test_recordings_that_begin_warm_are_said_to_and_lack_nothing():
+    """Their wires are as warm as they were; one that is held out is predicted from its beginning."""
+    recordings, true = pieces()
+    request = replace(REQUEST, options=replace(OPTIONS, intervals=True))
+    found = diagnose(sma_sim.Dataset(recordings, NOISE), sma_sim.Config(), request=request)
+    data, text = as_data(found), '\n'.join(as_text(found))
+    assert data['verdict'] == 'none' and data['effects'] == [] and data['probabilities']['none'] > 0.99
+    (difference,) = data['differences']
+    assert difference['what'] == 'how warm its wires are when it begins'
+    for name, wires in difference['wires'].items():
+        for wire, temperature in zip(wires, true[name], strict=True):
+            assert wire['T'] == pytest.approx(temperature, abs=1.0)
+            if name != 'run3':  # held out, without intervals
+                assert wire['low'] - 0.1 < temperature < wire['high'] + 0.1  # 1 of 20 may miss
+    assert 'do not begin at rest, no effect of the robot: wire_' in text and ' of run3 at ' in text
+    assert data['error'][-1]['held_out'] < 1.1 < data['error'][0]['held_out']
+
+
+def test_the_derivatives_in_what_is_left_of_a_motion_are_those_of_the_residuals():
+    dataset = with_differences(sma_sim.Dataset(pieces()[0][:1], NOISE), (IN_MOTION,))
+    problem = problem_for(dataset, sma_sim.Config(), OPTIONS, 5, step_limited=False)
+    z = start_point(problem)
+    own = [*problem.places(problem.runs[0], WARMTH), *problem.places(problem.runs[0], MOTION)]
+    z[own] = [0.5, 0.2, 0.0, 0.1, 0.1, 0.0, 0.0, 0.0]
+    with executor_or_threads(None) as pool:
+        (linear,) = linearize(problem, z, pool)
+        for k in own[:5]:
+            moved = [
+                residuals_at(problem.at_tolerance(1e-7), z + step * np.eye(len(z))[k], pool)[0] for step in (1e-3, -1e-3)
+            ]
+            expected = (moved[0] - moved[1]) / 2e-3
+            assert linear.jacobian[k] == pytest.approx(expected, abs=0.02 * np.abs(expected).max())
+
+
+def test_a_motion_before_is_proposed_where_first_samples_are_not_those_at_rest():
+    """Whatever the other parameters are; of a single recording too."""
+    with executor_or_threads(None) as pool:
+        for recordings, begins_warm in (
+            ((recorded(0), recorded(1)), False),
+            (pieces()[0][:2], True),
+            (pieces()[0][:1], True),
+        ):
+            problem = problem_for(sma_sim.Dataset(recordings, NOISE), sma_sim.Config(), OPTIONS, 5)
+            found = promises(problem, start_point(problem), SearchContext(pool, Event()))
+            (motion,) = [one for one in found if one.difference.in_motion]
+            assert (motion.gain > 100.0) == begins_warm and (motion.gain > 0.0) == begins_warm
 
 
 @pytest.mark.slow

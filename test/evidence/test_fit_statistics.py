@@ -53,7 +53,7 @@ SAMPLES = 400
 
 def run_of(name, channels=('alpha', 'F_1')):
     weight = np.ones((len(channels), SAMPLES))
-    return SimpleNamespace(name=name, channels=channels, weight=weight, samples=weight.size, ambient_std=0.0)
+    return SimpleNamespace(name=name, channels=channels, weight=weight, samples=weight.size, ambient_std=0.0, warmth_std=())
 
 
 def problem_of(runs=2, delay=None, robust=False):

@@ -120,6 +120,14 @@ def test_what_one_run_was_found_to_be_comes_back_as_its_unknowns():
     found = problem.nuisance(run, part)
     fit = RunFit('run1', found.start, (0.3, 0.6), found.switches, {}, 1.0, ambient=found.ambient, ambient_std=2.0)
     assert point_with(alone, part[:3], (fit,)) == pytest.approx(part)
+    warm = replace(problem, runs=(replace(run, warmth_std=(40.0, 20.0), motion_std=(0.5,)),))
+    own = np.array([*part, 0.5, 1.0, -2.0])
+    begun = warm.nuisance(warm.runs[0], own)
+    assert begun == replace(found, motion=(20.0, 20.0, -1.0)) and len(warm.unknowns) == len(own)
+    moving = replace(fit, warmth=(20.0, 20.0), motion=(-1.0,))
+    assert point_with(warm, part[:3], (moving,)) == pytest.approx(own)
+    assert point_with(warm, part[:3], (fit,)) == pytest.approx([*part, 0.0, 0.0, 0.0])  # of a fit at rest
+    assert nuisances_of(found.delay, (moving,))['run1'] == begun
     again = nuisances_of(found.delay, (fit, replace(fit, name='still', quasi_static=True)))
     assert again['run1'] == found
     assert again['still'] == replace(found, delay=0.0, unknown_zero=True)

@@ -205,6 +205,34 @@ def test_a_series_starts_at_rest_whatever_bends_it(given):
     ).all()
 
 
+@pytest.mark.parametrize('kind', ['hybrid', 'mas'])
+@pytest.mark.parametrize('system', ['module', 'lever', 'slider', 'stack'])
+def test_a_run_may_begin_in_motion(system, kind):
+    """Wires that are warm, one on sigma_M as when it is heated, the others on sigma_A as when they cool; the pose is not
+    where forces balance, and moves. With nothing left of a motion, the pose is that at rest. It comes to rest in the end."""
+    model = Model(Config(system=system).variant(kinetics=kind))
+    p, n = model.compiled, model.compiled.coordinates
+    u, warm = np.array([*np.zeros(len(model.structure.input_columns) - 1), 298.0]), 20.0 + np.arange(p.wires)
+    parts = (1.0, *np.zeros(p.wires - 1))
+    still = new_run(model, u, new_work(model), parts, (*warm, *np.zeros(2 * n))).state
+    moved = 0.05 * np.array(channel_scales(model.structure)[:n])
+    run = new_run(model, u, new_work(model), parts, (*warm, *moved, *(2.0 * moved)))
+    y = run.state.y
+    assert y[p.first_T : p.first_T + p.wires] == pytest.approx(298.0 + warm)
+    assert y[:n] == pytest.approx(still.y[:n] + moved) and y[n : 2 * n] == pytest.approx(2.0 * moved)
+    cold = new_run(model, u, new_work(model), parts, np.zeros(p.wires + 2 * n)).state
+    assert cold.y[:n] == pytest.approx(new_run(model, u, new_work(model), parts).state.y[:n])
+    found = Evaluation(np.zeros_like(y), new_findings(p))
+    update_flow(0.0, run.state, InputPoint(u, np.zeros(len(u))), p, found, EVERYTHING)
+    edge = np.where(np.array(parts) > 0.0, found.obs[:, O_S_M], found.obs[:, O_S_A])
+    inside = (run.state.x_frozen > 0.0) & (run.state.x_frozen < 1.0)
+    assert inside.any() or system == 'slider'
+    assert found.obs[inside, O_SIGMA] == pytest.approx(edge[inside], abs=1e-6 * p.wire.dsigma)
+    source = Input(np.array([0.0, 60.0]), np.array([u, u]), (False,) * len(u), model.structure.input_columns)
+    end = simulate(model, source, 10.0, initial_state=run)
+    assert end.completed and np.abs(end.state.state.y[p.first_T : p.first_T + p.wires] - 298.0).max() < 0.1
+
+
 def test_fixed_steps_that_cannot_be_made_are_said():
     """With the time until which there are samples; a command that no step can follow."""
     model, wild = make_model('module'), np.array([1e300, 298.0])

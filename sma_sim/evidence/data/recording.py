@@ -123,6 +123,8 @@ class Recording(Shown, Saved, Comparable):
         By channel whose zero drifts, by how much it does so from the first to the last sample (SI).
     ambient_std : float
         By how much the ambient temperature may differ from that of `source` [K]; 0 where it is known.
+    in_motion : bool
+        Whether wires may be warm, and the pose not in equilibrium, at its beginning: else it begins at rest.
     unpowered_side : int
         The sign of a command that heats nothing in this recording, 0 where all wires are heated.
     imposed_std : mapping
@@ -150,6 +152,7 @@ class Recording(Shown, Saved, Comparable):
     unpowered_side: int = 0
     imposed_std: Mapping[str, float] = field(default_factory=dict)
     sample_std: Mapping[str, Vector] = field(default_factory=dict)
+    in_motion: bool = False
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from math import nan
 from threading import Event
 
 import numpy as np
@@ -14,7 +15,15 @@ from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.executors import PickledConfig, executor_or_threads, in_turn
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize
 from sma_sim.evidence.estimation.prepared_fit import check_data
-from sma_sim.evidence.estimation.problem import START, SWITCH, EvaluationTask, Problem, evaluate, start_point
+from sma_sim.evidence.estimation.problem import (
+    START,
+    SWITCH,
+    EvaluationTask,
+    Problem,
+    evaluate,
+    start_point,
+    values_in_order,
+)
 from sma_sim.evidence.estimation.residuals import (
     FitData,
     Nuisance,
@@ -36,6 +45,7 @@ from sma_sim.model.errors import UserError
 from sma_sim.solver.simulate import SimulationError
 
 INITIAL_GUESSES = (0.0, -0.9, 0.9)  # of a start, in its coordinate (-1 on sigma_A, 1 on sigma_M)
+BEGINNING = 0.1  # of a run, from which the state in which it begins is estimated: nine tenths judge the prediction
 GOOD_FIT = 1.1  # error over that of the fitted runs, or over noise, with which no further guess is tried
 
 
@@ -48,7 +58,9 @@ class RunFit:
     over noise; `error`: sqrt(mean over channels of its square). `zero`: what a strain gauge of unknown zero shows too much;
     `zeros`: the same of other channels, by channel (SI); `drifts`: by how much these zeros drift within the run.
     `quasi_static`: a test whose time says nothing. `ambient`: by how much its ambient temperature was above that of its
-    input, `ambient_std`: the prior of that [K].
+    input, `ambient_std`: the prior of that [K]. `T_E`: its ambient temperature at the beginning
+    [K]. `warmth`: by how much each wire was warmer then [K], `motion`: what was left of that of the pose (SI), as
+    `Nuisance.motion` has them; empty where it begins at rest.
     """
 
     name: str
@@ -63,12 +75,22 @@ class RunFit:
     quasi_static: bool = False
     ambient: float = 0.0
     ambient_std: float = 0.0
+    T_E: float = nan
+    warmth: tuple[float, ...] = ()
+    motion: tuple[float, ...] = ()
 
 
 def nuisances_of(delay: float, fits: Sequence[RunFit]) -> dict[str, Nuisance]:
     """What was estimated of each run beside the parameters, by its name."""
     return {
-        fit.name: Nuisance(0.0 if fit.quasi_static else delay, fit.start, fit.switches, fit.quasi_static, fit.ambient)
+        fit.name: Nuisance(
+            0.0 if fit.quasi_static else delay,
+            fit.start,
+            fit.switches,
+            fit.quasi_static,
+            fit.ambient,
+            fit.warmth + fit.motion,
+        )
         for fit in fits
     }
 
@@ -76,9 +98,11 @@ def nuisances_of(delay: float, fits: Sequence[RunFit]) -> dict[str, Nuisance]:
 def point_with(problem: Problem, known: Sequence[float], fits: Sequence[RunFit]) -> Vector:
     """The point z (n,) of a problem from its first unknowns and what was estimated of the other runs, within the bounds."""
     z = list(known)
-    for fit in fits:  # in the order of Problem.own
+    for run, fit in zip(problem.runs[len(problem.runs) - len(fits) :], fits, strict=True):  # in the order of Problem.own
         ambient = [fit.ambient / fit.ambient_std] if fit.ambient_std > 0.0 else []
         z += [*map(START.coordinate, fit.start), *map(SWITCH.coordinate, fit.switches), *ambient]
+        moving = fit.warmth + fit.motion or (0.0,) * len(run.warmth_std + run.motion_std)
+        z += [value / std for value, std in zip(moving, run.warmth_std + run.motion_std, strict=True)]
     return start_point(problem, np.array(z))
 
 
@@ -118,6 +142,7 @@ def run_fits(problem: Problem, z: Vector, executor: Executor) -> tuple[RunFit, .
             if found is not None
             else config.parameters
         )
+        pose = len(run.on_bench(config).structure.structure.coordinates) if nuisance.motion else 0
         x = tuple(initial[f'initial.x_M_{i + 1}'] for i in range(run.starts))
         zero = zero_of(config, run, nuisance) if nuisance.unknown_zero and found is not None else 0.0
         zeros, drifts = offsets_of(config, run, nuisance) if found is not None else ({}, {})
@@ -135,6 +160,9 @@ def run_fits(problem: Problem, z: Vector, executor: Executor) -> tuple[RunFit, .
                 quasi_static=nuisance.unknown_zero,
                 ambient=nuisance.ambient,
                 ambient_std=run.ambient_std,
+                T_E=float(planned_run(run, nuisance)[0].values[0, -1]),
+                warmth=nuisance.motion[: len(nuisance.motion) - 2 * pose],
+                motion=nuisance.motion[len(nuisance.motion) - 2 * pose :],
             )
         )
     return tuple(fits)
@@ -145,30 +173,46 @@ def predict_runs(
 ) -> tuple[RunFit, ...]:
     """Runs under fixed parameters and delay; only their starts (and sampled switching instants) are estimated.
 
+    What is left of a motion before a run is estimated from its beginning alone: the rest of it judges the prediction.
     From the middle of the hysteresis, and from its ends where that leads to no good: a start has several optima. The
     errors of a run that cannot be made are infinite. `fitted_error`: of the runs to which the model was fitted; one that is
     predicted as well needs no other start.
     """
 
     def predicted(run: FitData) -> RunFit:
-        problem, smoothed = (
-            Problem(config, (one,), (), delay=delay) for one in (run, replace(run, leeway=leeway_for(config, run)))
-        )
+        problem = Problem(config, (run,), (), delay=delay)
         if not problem.unknowns:
             return run_fits(problem, start_point(problem), context.pool)[0]
-        found: list[RunFit] = []
+        leeway, found = leeway_for(config, run), list[RunFit]()
         for guess in INITIAL_GUESSES:
             z = start_point(problem)
             z[: run.starts] = guess
+            known = problem
             with suppress(SimulationError):  # a run that cannot be made is infinitely far off
+                if run.is_in_motion:
+                    z = minimize(replace(problem, runs=(beginning_of(run),)), z, RUN_UNKNOWNS, context).z
+                    known = replace(problem, runs=(with_motion(run, problem.nuisance(run, z).motion),))
+                    z = values_in_order(problem.own(run), z, known.own(known.runs[0]))
+                smoothed = replace(known, runs=(replace(known.runs[0], leeway=leeway),))
                 z = minimize(smoothed, z, RUN_UNKNOWNS, context).z
-            found.append(run_fits(problem, z, context.pool)[0])
+            found.append(run_fits(known, z, context.pool)[0])
             if found[-1].error <= GOOD_FIT * max(fitted_error, 1.0):
                 break
         return min(found, key=lambda fit: fit.error)
 
     with ThreadPoolExecutor(len(runs)) as threads:
         return tuple(threads.map(predicted, runs))
+
+
+def beginning_of(run: FitData) -> FitData:
+    """The beginning of a run, which alone tells what is left of a motion before it."""
+    until = run.time[0] + BEGINNING * (run.time[-1] - run.time[0])
+    return replace(run, weight=run.weight * (run.time <= until))
+
+
+def with_motion(run: FitData, motion: tuple[float, ...]) -> FitData:
+    """A run of which it is known what is left of a motion before it."""
+    return replace(run, warmth_std=(), motion_std=(), known_motion=motion)
 
 
 @checked

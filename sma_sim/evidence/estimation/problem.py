@@ -39,6 +39,8 @@ AMBIENT_STEP = 0.1  # of differences in an ambient temperature, in standard devi
 DELAY = FreeParameter('delay', 0.0, 0.05, -10.0, 100.0, False, 's')
 START = FreeParameter('start', 0.5, 0.5, -1.0, 1.0, False, '-')
 AMBIENT = FreeParameter('ambient', 0.0, 1.0, -5.0, 5.0, False, 'K')  # in standard deviations of the recording's prior
+WARMTH = FreeParameter('warmth', 0.0, 1.0, 0.0, 6.0, False, 'K')  # in standard deviations of the recording's prior, as
+MOTION = FreeParameter('motion', 0.0, 1.0, -6.0, 6.0, False, '-')  # is what is left of the pose and its rates
 SWITCH = FreeParameter('switch', 0.5, 0.288675, -1.73, 1.73, False, '-')  # uniform in the interval: its mean and std
 HUBER_CORNER = 3.0  # residual, in units of the noise, from which a robust loss grows linearly
 
@@ -49,8 +51,9 @@ class Problem:
 
     `nominal_effects`: names of effects that the model has from the start of a search, which are no findings.
 
-    The unknowns z (n,): free parameters, delay, then per run its starts (one per wire), switching fractions and, where that
-    is not known, its ambient temperature. `differences`: what was found to differ between the recordings.
+    The unknowns z (n,): free parameters, delay, then per run its starts (one per wire), switching fractions and, where these
+    are not known, its ambient temperature and what is left of a motion before it. `differences`: what was found to differ
+    between the recordings.
     `tempering`: overdispersion k of a model that is known to be wrong; the priors count k^2 times, as if squares were less.
     `delay_range`: of the delay, in z. `material`: of the wires, as it was given, for which values are plausible.
     """
@@ -76,7 +79,12 @@ class Problem:
 
     def own(self, run: FitData) -> tuple[FreeParameter, ...]:
         """The unknowns of one run."""
-        return (START,) * run.starts + (SWITCH,) * run.groups + (AMBIENT,) * (run.ambient_std > 0.0)
+        at_rest = (START,) * run.starts + (SWITCH,) * run.groups + (AMBIENT,) * (run.ambient_std > 0.0)
+        return at_rest + (WARMTH,) * len(run.warmth_std) + (MOTION,) * len(run.motion_std)
+
+    def places(self, run: FitData, unknown: FreeParameter) -> list[int]:
+        """Where the unknowns of a kind are among those of one run, after the shared ones."""
+        return [len(self.shared) + k for k, one in enumerate(self.own(run)) if one.name == unknown.name]
 
     @property
     def unknowns(self) -> tuple[FreeParameter, ...]:
@@ -111,9 +119,12 @@ class Problem:
         first, last = shared + run.starts, shared + run.starts + run.groups
         start = tuple(START.value(float(x)) for x in part[shared:first])
         switches = tuple(SWITCH.value(float(x)) for x in part[first:last])
-        ambient = run.ambient_std * float(part[last:].sum())
+        end = last + (run.ambient_std > 0.0)
+        ambient = run.ambient_std * float(part[last:end].sum())
+        stds = run.warmth_std + run.motion_std
+        motion = tuple(std * float(x) for std, x in zip(stds, part[end:], strict=True)) or run.known_motion
         delay = 0.0 if run.is_quasi_static else self.delay_at(part)
-        return Nuisance(delay, start, switches, run.is_quasi_static, ambient)
+        return Nuisance(delay, start, switches, run.is_quasi_static, ambient, motion)
 
     def delay_at(self, z: Vector) -> float:
         """The delay [s]."""
@@ -149,6 +160,22 @@ class Problem:
     def at_tolerance(self, rtol: float) -> Problem:
         """The same with another solver.rtol."""
         return replace(self, config=self.config.variant({'solver.rtol': rtol}))
+
+
+def values_in_order(known: Sequence[FreeParameter], values: Vector, asked: Sequence[FreeParameter]) -> Vector:
+    """The values (n,) of some unknowns of one run, from those of other ones; 0 of what is not among them."""
+    by_kind = {
+        one.name: iter([v for k, v in zip(known, values.tolist(), strict=True) if k.name == one.name]) for one in known
+    }
+    return np.array([next(by_kind.get(one.name, iter(())), 0.0) for one in asked])
+
+
+def with_own_unknowns(problem: Problem, z: Vector, other: Problem) -> Vector:
+    """The point z of a problem as another one has it, whose runs, the same, have other unknowns of their own: what is new at
+    the middle of its prior."""
+    pairs, shared = zip(problem.runs, problem.indices(), other.runs, strict=True), len(problem.shared)
+    own = [values_in_order(problem.own(run), z[at[shared:]], other.own(there)) for run, at, there in pairs]
+    return np.concatenate([z[:shared], *own])
 
 
 @dataclass(frozen=True)
@@ -341,7 +368,8 @@ def differences_apart(
         if free.name.startswith('effects.') and free.low < free.high and part[j] < free.low + DEFAULT_STEP
     }
     if run.ambient_std > 0.0:
-        steps[len(part) - 1] = part[-1] + (AMBIENT_STEP if part[-1] < 0.0 else -AMBIENT_STEP)
+        (own,) = problem.places(run, AMBIENT)
+        steps[own] = part[own] + (AMBIENT_STEP if part[own] < 0.0 else -AMBIENT_STEP)
     found = []
     for j, there in steps.items():
         at = part.copy()

@@ -6,7 +6,8 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 from sma_sim.evidence.data.recording import Dataset, Recording
-from sma_sim.evidence.estimation.residuals import FitData
+from sma_sim.evidence.estimation.residuals import FitData, motion_stds
+from sma_sim.model.structures.discovery import known_structures
 
 AMBIENT_STD = 3.0  # [K]: by which rooms differ from day to day
 ZERO_PART = 0.05  # of what a channel usually changes by: sensors are set by hand, a larger zero is seen before recording
@@ -15,7 +16,8 @@ ZERO_PART = 0.05  # of what a channel usually changes by: sensors are set by han
 @dataclass(frozen=True)
 class RecordingDifference:
     """Something that each recording has its own: the zero of a `channel`, whose prior is `std` (SI); the `ambient`
-    temperature; or a wire that gets no power, by the sign of its commands (`unpowered_side`), in some `recordings`.
+    temperature; what is left of a motion before it (`in_motion`); or a wire that gets no power, by the sign of its commands
+    (`unpowered_side`), in some `recordings`.
 
     `words` name it.
     """
@@ -24,6 +26,7 @@ class RecordingDifference:
     channel: str = ''
     std: float = 0.0
     ambient: bool = False
+    in_motion: bool = False
     unpowered_side: int = 0
     recordings: tuple[str, ...] = ()
 
@@ -35,6 +38,9 @@ class RecordingDifference:
             return replace(run, zero_std=zeros, drift_std=run.drift_std or (0.0,) * len(zeros))
         if self.ambient:
             return replace(run, ambient_std=AMBIENT_STD)
+        if self.in_motion:
+            warmth_std, motion_std = motion_stds(known_structures()[run.bench])
+            return replace(run, warmth_std=warmth_std, motion_std=motion_std)
         return replace(run, unpowered_side=self.unpowered_side) if run.name in self.recordings else run
 
     def in_recording(self, recording: Recording) -> Recording:
@@ -43,6 +49,8 @@ class RecordingDifference:
             return replace(recording, zero_std={**recording.zero_std, self.channel: self.std})
         if self.ambient:
             return replace(recording, ambient_std=AMBIENT_STD)
+        if self.in_motion:
+            return replace(recording, in_motion=True)
         return replace(recording, unpowered_side=self.unpowered_side) if recording.name in self.recordings else recording
 
 

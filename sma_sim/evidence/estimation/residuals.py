@@ -17,6 +17,7 @@ from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import known_structures
+from sma_sim.model.structures.structure import Structure
 from sma_sim.model.unit_mismatch import SLOW_STEP
 from sma_sim.solver.clock import seen_at
 from sma_sim.solver.effect_table import channel_scales
@@ -30,6 +31,8 @@ from sma_sim.solver.work import Work
 Plan = tuple[Input, Vector, NDArray[np.int64]]
 ZERO_STDS = 4.0  # of its prior, within which a zero of a recording lies: beyond, something else is missing
 ZERO_LIMIT = 2e-3  # of strain, by which the zero of a recording may be off: grips settle, gauges are set by hand
+WARMTH_STD = 40.0  # [K] of wires that were in use before: transformation takes place that far above a room
+USUAL_TIME = 1.0  # [s] of a motion of wires in air
 SOFTEST = 1.5e10  # [Pa] of wires: a strain that was set to zero under load lacks no more than stress over this
 MAX_SWITCHES = 24  # with more changes of the command than this, all share one fraction
 SOLVER_NOISE = 0.3  # error of a sample in units of rtol times the channel's size (docs/explanation/calibration.md)
@@ -53,8 +56,9 @@ class FitData:
     empty when the commands are exact. `step_limited`: for a search, in which a run of too many steps is given up.
     `initial_state`: the state in which the model is at the first time of the source; at rest without it. `zero_std`,
     `drift_std` (channels,): priors of a zero of this recording and of its drift, 0 where known; empty where all are.
-    `ambient_std` [K]: prior of what its ambient temperature differs by, 0 where that is known. `unpowered_side`: the sign of
-    a command that heats nothing.
+    `ambient_std` [K]: prior of what its ambient temperature differs by, 0 where that is known. `warmth_std`, `motion_std`:
+    priors of what is left of a motion before it (`Nuisance.motion`), of wires and of the pose; empty where it begins at
+    rest, or with a `known_motion`. `unpowered_side`: the sign of a command that heats nothing.
     `bench`: on which the wire was, by the name of its structure. `level`: the stress [Pa] of an isobaric test, NaN of
     others. `zero_range`: of an unknown zero of the strain gauge. `starts`: wires of which it is unknown where they begin
     within the hysteresis. `leeway`: how far a command that changes at every moment may be smoothed. `correction`
@@ -85,12 +89,20 @@ class FitData:
     leeway: Leeway | None = None
     correction: NDArray[np.float64] | None = None
     floor_shares: tuple[float, ...] = ()
+    warmth_std: tuple[float, ...] = ()
+    motion_std: tuple[float, ...] = ()
+    known_motion: tuple[float, ...] = ()
     _last_plan: list[tuple[Nuisance, Plan]] = field(init=False, repr=False, compare=False, default_factory=list)
 
     @property
     def is_quasi_static(self) -> bool:
         """Whether its time says nothing: stress and temperature then say what a wire was before."""
         return not isnan(self.level)
+
+    @property
+    def is_in_motion(self) -> bool:
+        """Whether it is unknown what is left of a motion before it."""
+        return bool(self.warmth_std or self.motion_std)
 
     @property
     def groups(self) -> int:
@@ -124,6 +136,9 @@ class Nuisance:
         Whether the zero of the strain gauge is unknown: it is then where the residuals are least, within `zero_range`.
     ambient : float
         By how much the ambient temperature was above that of the source [K].
+    motion : tuple of float
+        What is left at its start of a motion before it: by how much each wire is warmer than the ambient [K], how far the
+        pose is from the equilibrium of wires that warm, and its rates (SI). Empty: the run begins at rest.
     """
 
     delay: float = 0.0
@@ -131,6 +146,7 @@ class Nuisance:
     switches: tuple[float, ...] = ()
     unknown_zero: bool = False
     ambient: float = 0.0
+    motion: tuple[float, ...] = ()
 
 
 def hidden_rtol(dataset: Dataset) -> float:
@@ -173,6 +189,7 @@ def fit_data(
     level = float(np.median(np.asarray(recording.source.values)[:, 0])) if structure.is_quasi_static else nan
     changed, interval = sampled_changes(recording)
     single = len(changed) > MAX_SWITCHES
+    warmth_std, motion_std = motion_stds(structure) if recording.in_motion else ((), ())
     return FitData(
         name=recording.name,
         channels=channels,
@@ -192,7 +209,19 @@ def fit_data(
         level=level,
         zero_range=zero_range(recording, level),
         starts=0 if structure.is_quasi_static else structure.wires,
+        warmth_std=warmth_std,
+        motion_std=motion_std,
     )
+
+
+def motion_stds(structure: Structure) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Priors of what is left of a motion before a recording (`Nuisance.motion`): wires as warm as in use; a pose as far from
+    its equilibrium as it usually goes, and as fast as wires move it. Empty for tests without time."""
+    if structure.is_quasi_static:
+        return (), ()
+    sizes = channel_scales(structure)[: len(structure.coordinates)]
+    warm = (WARMTH_STD,) * (structure.wires if structure.imposed_temperature < 0 else 0)
+    return warm, (*sizes, *(size / USUAL_TIME for size in sizes))
 
 
 def thinned_rows(known: Sequence[NDArray[np.bool_]], every: int) -> NDArray[np.bool_]:
@@ -395,7 +424,7 @@ def simulated(
     config = run.on_bench(config)
     source, asked, index = planned_run(run, nuisance)
     source, model = held_until(source, float(asked[-1])), Model(config)
-    initial_state = run.initial_state or start_of(model, source, nuisance.start)
+    initial_state = run.initial_state or start_of(model, source, nuisance)
     trajectory = simulate(
         model,
         source,
@@ -487,7 +516,11 @@ def shown_by_all(
     model, (source, asked, index) = models[0], planned_run(run, nuisance)
     work = new_work(model)
     first = np.asarray(source.values[0], float)
-    begin = copy_of_run(model, run.initial_state) if run.initial_state else new_run(model, first, work, nuisance.start)
+    begin = (
+        copy_of_run(model, run.initial_state)
+        if run.initial_state
+        else new_run(model, first, work, nuisance.start, nuisance.motion)
+    )
     try:
         limit = step_limit(source, run.step_limited, 0 if lines is None else len(lines.times), len(run.time))
         samples = channels_of_all(models, source, asked, run.channels, limit, begin, work, lines)
@@ -578,21 +611,22 @@ def error_over_noise(residuals: NDArray[np.float64], run: FitData) -> dict[str, 
 # Where runs begin within the hysteresis.
 def with_start(config: Config, source: Input, start: Sequence[float]) -> Config:
     """The configuration with the x_M of a start given as parts of the hysteresis."""
-    run = start_of(Model(config), source, start)
+    run = start_of(Model(config), source, Nuisance(start=tuple(start)))
     if run is None:
         return config
     initial = {f'initial.x_M_{i + 1}': float(x) for i, x in enumerate(run.state.x_frozen)}
     return config.variant(initial)
 
 
-def start_of(model: Model, source: Input, start: Sequence[float], work: Work | None = None) -> Run | None:
+def start_of(model: Model, source: Input, nuisance: Nuisance, work: Work | None = None) -> Run | None:
     """Where a run with a start given as parts of the hysteresis begins; None as the configuration says.
 
     `work`: scratch memory of a model with the same states.
     """
-    if not len(start):
+    if not len(nuisance.start):
         return None
-    return new_run(model, np.asarray(source.values[0], float), work or new_work(model), parts=start)
+    first = np.asarray(source.values[0], float)
+    return new_run(model, first, work or new_work(model), nuisance.start, nuisance.motion)
 
 
 # What is imposed and was measured, as an input: fewer straight stretches, where rows between say no more than noise.

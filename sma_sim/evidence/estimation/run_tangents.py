@@ -125,7 +125,7 @@ def sensitivities_of(task: TangentTask) -> Sensitivities | None:
     for other, moved in task.moved:
         beside = None if other is pickled else other.model(run.bench, looser(run, other.config))
         initial_run, other_source = None, None
-        if run.initial_state is None and (beside is not None or moved.start != nuisance.start):
+        if run.initial_state is None and (beside is not None or began(moved) != began(nuisance)):
             initial_run = started(beside or model, source, moved, work)
         if moved.switches != nuisance.switches:
             other_source = planned_run(run, replace(moved, delay=nuisance.delay))[0]
@@ -142,9 +142,14 @@ def sensitivities_of(task: TangentTask) -> Sensitivities | None:
     )
 
 
+def began(nuisance: Nuisance) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """What of a nuisance says where a run begins."""
+    return nuisance.start, nuisance.motion
+
+
 def started(model: Model, source: Input, nuisance: Nuisance, work: Work) -> Run:
     """Where a run begins."""
-    initial_run = start_of(model, source, nuisance.start, work)
+    initial_run = start_of(model, source, nuisance, work)
     return initial_run or new_run(model, np.asarray(source.values[0], float), work)
 
 

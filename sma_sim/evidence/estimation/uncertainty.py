@@ -22,6 +22,8 @@ from sma_sim.evidence.estimation.fit_result import OtherStart
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, FreeParameter
 from sma_sim.evidence.estimation.overdispersion import autocorrelation_time
 from sma_sim.evidence.estimation.problem import (
+    AMBIENT,
+    WARMTH,
     LinearizedRun,
     NormalEquations,
     Problem,
@@ -107,7 +109,8 @@ class Uncertainty:
 
     `correlation` (p, p) in the order of `intervals`; `correlation_time`: by channel, by how many samples residuals
     are correlated (1: white); `delay_std` [s]. `ambient`: by recording, by how much its ambient temperature is above that of
-    the first one, where they differ. All of them together can hardly be told from parameters.
+    the first one, where they differ. All of them together can hardly be told from parameters. `warmth`: by recording, how
+    warm its wires were at its beginning, where that is not at rest.
     """
 
     intervals: tuple[Interval, ...]
@@ -117,11 +120,21 @@ class Uncertainty:
     correlation_time: Mapping[str, float]
     delay_std: float
     ambient: Mapping[str, AmbientDifference] = field(default_factory=dict)
+    warmth: Mapping[str, tuple[Warmth, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class AmbientDifference:
     """By how much an ambient temperature is above that of the first recording [K], and its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Warmth:
+    """By how much a wire is warmer than the ambient when a recording begins [K], and its 95 % interval."""
 
     value: float
     low: float
@@ -205,6 +218,7 @@ def uncertainty(problem: Problem, z: Vector, runs: Sequence[RunInformation]) -> 
         correlation_time=times,
         delay_std=float('nan') if problem.delay is not None else problem.shared[p].scale * float(np.sqrt(variance[p])),
         ambient=ambient_differences(problem, z, (covariance, inverse @ scores @ inverse)),
+        warmth=warmth_of_wires(problem, z, variance),
     )
 
 
@@ -244,7 +258,7 @@ def ambient_differences(problem: Problem, z: Vector, covariances: tuple[Matrix, 
     scale = np.zeros((len(problem.runs), len(z)))
     for row, run, at in zip(scale, problem.runs, problem.indices(), strict=True):
         if run.ambient_std > 0.0:
-            row[at[-1]] = run.ambient_std
+            row[at[problem.places(run, AMBIENT)]] = run.ambient_std
     if not scale.any():
         return {}
     contrast = scale - scale[0]
@@ -254,6 +268,19 @@ def ambient_differences(problem: Problem, z: Vector, covariances: tuple[Matrix, 
         run.name: AmbientDifference(float(value), float(value - r), float(value + r))
         for run, value, r in zip(problem.runs, values, reach, strict=True)
     }
+
+
+def warmth_of_wires(problem: Problem, z: Vector, variance: Vector) -> dict[str, tuple[Warmth, ...]]:
+    """By recording that does not begin at rest, how warm its wires are, from the `variance` (n,) of z."""
+    found = {}
+    for run, at in zip(problem.runs, problem.indices(), strict=True):
+        if not run.warmth_std:
+            continue
+        own = at[problem.places(run, WARMTH)]
+        values, reach = z[own] * run.warmth_std, GAUSS_95 * np.sqrt(variance[own]) * run.warmth_std
+        pairs = zip(values.tolist(), reach.tolist(), strict=True)
+        found[run.name] = tuple(Warmth(value, max(0.0, value - r), value + r) for value, r in pairs)
+    return found
 
 
 def interval(free: FreeParameter, z: float, std: float, seen: bool) -> Interval:

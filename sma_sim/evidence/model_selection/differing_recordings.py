@@ -11,7 +11,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.estimation.problem import AMBIENT_STEP, LinearizedRun, Problem, linearize, residuals_at
+from sma_sim.evidence.estimation.problem import AMBIENT as ROOM
+from sma_sim.evidence.estimation.problem import (
+    AMBIENT_STEP,
+    LinearizedRun,
+    Problem,
+    linearize,
+    residuals_at,
+    with_own_unknowns,
+)
 from sma_sim.evidence.estimation.recording_differences import ZERO_PART, RecordingDifference
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.score_tests import Projection
@@ -20,6 +28,7 @@ from sma_sim.solver.effect_table import channel_scales
 from sma_sim.solver.simulate import SimulationError
 
 AMBIENT = RecordingDifference('the ambient temperature', ambient=True)
+IN_MOTION = RecordingDifference('how warm its wires are when it begins', in_motion=True)
 WITHOUT_POWER = 0.75  # part of its squares to which a run must fall without a command to be tried as one that lost it
 
 
@@ -35,10 +44,7 @@ def with_difference(problem: Problem, z: Vector, difference: RecordingDifference
     """The problem whose recordings differ in one thing more, and z with its unknowns at the middle of their priors."""
     runs = tuple(difference.in_run(run) for run in problem.runs)
     differing = replace(problem, runs=runs, differences=(*problem.differences, difference))
-    parts, shared = [z[: len(problem.shared)]], len(problem.shared)
-    for own, run in zip(problem.indices(), runs, strict=True):
-        parts.append(np.append(z[own[shared:]], np.zeros(len(differing.own(run)) - (len(own) - shared))))
-    return differing, np.concatenate(parts)
+    return differing, with_own_unknowns(problem, z, differing)
 
 
 def promises(problem: Problem, z: Vector, context: SearchContext) -> list[Promise]:
@@ -47,6 +53,9 @@ def promises(problem: Problem, z: Vector, context: SearchContext) -> list[Promis
         linear = linearize(problem, z, context.pool)
     except SimulationError:
         return []
+    moving = motion_before(problem, linear)
+    if len(problem.runs) < 2:
+        return [moving] if moving.difference.words not in {one.words for one in problem.differences} else []
     project = Projection(linear, len(z), problem.tempering)
     known = {difference.words for difference in problem.differences}
     found = [
@@ -54,7 +63,7 @@ def promises(problem: Problem, z: Vector, context: SearchContext) -> list[Promis
         for difference, responses in responses_at(problem, z, linear, context)
     ]
     lost = [unpowered_side(problem, z, linear, side, context) for side in (1, -1)]
-    return [one for one in (*found, *lost) if one is not None and one.difference.words not in known]
+    return [one for one in (*found, *lost, moving) if one is not None and one.difference.words not in known]
 
 
 def responses_at(
@@ -70,13 +79,34 @@ def responses_at(
         found.append((zero, [row * zero.std * run.weight for row, run in zip(rows, problem.runs, strict=True)]))
     differing, start = with_difference(problem, z, AMBIENT)
     if not problem.differences:
-        for own in differing.indices():
-            start[own[-1]] = AMBIENT_STEP
+        for own, run in zip(differing.indices(), differing.runs, strict=True):
+            start[own[differing.places(run, ROOM)]] = AMBIENT_STEP
         moved = residuals_at(differing, start, context.pool)
         pairs = zip(moved, linear, strict=True)
         changes = [(there - run.residuals) / AMBIENT_STEP for there, run in pairs if there is not None]
         found += [(AMBIENT, changes)] if len(changes) == len(linear) else []
     return found
+
+
+def motion_before(problem: Problem, linear: Sequence[LinearizedRun]) -> Promise:
+    """What it takes away if the recordings begin in motion: what a model at rest leaves of their first samples.
+
+    That is twice the log Bayes factor of the first sample of each channel, about that of the model at rest, with a standard
+    deviation as the channel usually changes by. Beside it stand noise and what is unknown of each recording anyway, as
+    where at rest its wires are within the hysteresis. It is negative where recordings begin at rest.
+    """
+    found, shared = 0.0, len(problem.shared)
+    for run, of_run in zip(problem.runs, linear, strict=True):
+        structure = run.on_bench(problem.config).structure.structure
+        sizes = dict(zip(structure.channels, channel_scales(structure), strict=True))
+        channels, first = np.arange(len(run.channels)), np.argmax(run.weight > 0.0, axis=1)
+        own, left = of_run.jacobian[shared:, channels, first], of_run.residuals[channels, first]
+        usual = np.array([sizes.get(name, 0.0) for name in run.channels]) * run.weight[channels, first]
+        at_rest = np.eye(len(channels)) + own.T @ own
+        moving = at_rest + np.diag(usual**2)
+        found += float(left @ (np.linalg.solve(at_rest, left) - np.linalg.solve(moving, left)))
+        found -= float(np.linalg.slogdet(moving)[1] - np.linalg.slogdet(at_rest)[1])
+    return Promise(IN_MOTION, found)
 
 
 def gain(responses: Sequence[NDArray[np.float64]], linear: Sequence[LinearizedRun], project: Projection) -> float:

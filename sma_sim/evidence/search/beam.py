@@ -272,7 +272,9 @@ def expand(parent: Model, book: Book, context: SearchContext) -> None:
     context.on_progress(f'what {words(parent)} may lack')
     proposals = propose.listed(book.tests_of(parent.fit, context), book.catalogue, taken)[:SKETCHED]
     more = propose.differing(parent.fit, parent.names, context) if not parent.leaves_nothing else []
-    first = [one.component for one in (*proposals, *more[:DIFFERENCES])]
+    beginning = [one for one in more if one.component.is_of_beginning]  # its promise is of first samples alone
+    shared = [one for one in more if not one.component.is_of_beginning][:DIFFERENCES]
+    first = [one.component for one in (*proposals, *beginning, *shared)]
     found = add_extended(parent, first, book, context)
     if not (parent.components or parent.leaves_nothing or book.explains(found)):
         tried = {component.name for component in first}

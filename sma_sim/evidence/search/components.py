@@ -28,7 +28,7 @@ from sma_sim.solver.inputs import Input
 
 Vector = NDArray[np.float64]
 NEUTRAL = 1e-9  # distance from a neutral value, in standard deviations of the prior, that is rounding
-NO_ZEROS = 3  # kinds of differences beside zeros: the ambient temperature, and the power of either side
+NO_ZEROS = 4  # kinds of differences beside zeros: ambient temperature, motion before it, and the power of either side
 
 
 @dataclass(frozen=True)
@@ -63,6 +63,11 @@ class Component:
     def is_difference(self) -> bool:
         """Whether it is of the recordings, not of the robot."""
         return isinstance(self.start, RecordingDifference)
+
+    @property
+    def is_of_beginning(self) -> bool:
+        """Whether it is that recordings do not begin at rest."""
+        return isinstance(self.start, RecordingDifference) and self.start.in_motion
 
     @property
     def uses_time(self) -> bool:

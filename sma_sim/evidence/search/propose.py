@@ -63,9 +63,9 @@ def stepped(
 
 
 def differing(base: FitResult, taken: Collection[str], context: SearchContext) -> list[Proposal]:
-    """What may differ between the recordings, where there are several in the order of time."""
+    """What may differ between the recordings, where these are in the order of time; of a single one, how it begins."""
     problem = base.problem
-    if len(problem.runs) < 2 or any(run.starts == 0 for run in problem.runs):
+    if any(run.starts == 0 for run in problem.runs):
         return []
     found = [(one.gain, difference_component(one.difference, problem)) for one in promises(problem, base.z, context)]
     return promising(

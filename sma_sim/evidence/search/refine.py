@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.executors import run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.problem import Problem
+from sma_sim.evidence.estimation.problem import WARMTH, Problem, values_in_order, with_own_unknowns
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
 from sma_sim.evidence.estimation.residuals import FitData
 from sma_sim.evidence.estimation.run_subset import run_subset, to_subset
 from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, FROM_PRIORS, SETTLED, WEAKLY_DAMPED
+from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, FROM_PRIORS, SETTLED, WEAKLY_DAMPED, StopCriteria
 from sma_sim.evidence.model_selection.refit import refit, with_other_kinetics, without_effect
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.evidence.model_selection.sketches import at_defaults, at_prior_means, sketched
@@ -34,6 +34,7 @@ Vector = NDArray[np.float64]
 SKETCHED, REFITTED, RESTARTED = 12, 5, 3  # proposals that are sketched, refitted, and fitted from further starts
 SAME_VALLEY = 2.0  # costs that differ by less belong to one optimum
 Start = tuple[Component, Problem, Vector]
+MEDIAN_WARMTH = 0.6745  # of wires, in standard deviations of its prior, half of a normal one
 MAX_LOG_ODDS = 700.0  # of which exp is still a number
 WINDOW = 10.0  # nats behind the best beyond which a model has no weight (Occam's window; Madigan and Raftery 1994)
 TIE = 5.0  # nats within which two models are said to be tied: the odds are below 150 to 1
@@ -135,7 +136,7 @@ def extended(
     leading = best_by_sketch(parent.fit, components, context, reached, target)
     for group in (leading[:1], leading[1:]):  # the one after the other: what the first has reached tells which are hopeless
         limit = min([target, *(one.reach(one.evidence.overdispersion) for one in first)])
-        jobs = [partial(refit, problem, z, context, target=limit) for _, problem, z in group]
+        jobs = [partial(refit, problem, z, context, criteria_for(one), limit) for one, problem, z in group]
         for (component, _, _), fit in zip(group, run_in_threads(jobs, context.stop), strict=True):
             model = model_of((*parent.components, component), [fit], context)
             first += [] if model is None else [model]
@@ -178,10 +179,26 @@ def restarted(base: FitResult, model: Model, target: float, context: SearchConte
     component = model.components[-1]
     problem, z = component.added_to(at_prior_means(base))
     starts = [(z, WEAKLY_DAMPED)]
-    if not component.is_difference:
+    if component.is_of_beginning:
+        starts = [(from_warm_wires(problem, z), FROM_PRIORS)]
+    elif not component.is_difference:
         defaults = at_defaults(problem)
         starts += [(defaults, ADDED_EFFECT), (defaults, FROM_PRIORS)]
     return run_in_threads([partial(refit, problem, at, context, one, target) for at, one in starts], context.stop)
+
+
+def criteria_for(component: Component) -> StopCriteria:
+    """How a model with one component more is fitted: beginnings have many unknowns, whose absence has bent all others."""
+    return FROM_PRIORS if component.is_of_beginning else ADDED_EFFECT
+
+
+def from_warm_wires(problem: Problem, z: Vector) -> Vector:
+    """The point z with all wires warm from before, in the middle of their hysteresis and of their poses."""
+    moved = z.copy()
+    for run, at in zip(problem.runs, problem.indices(), strict=True):
+        moved[at[len(problem.shared) :]] = 0.0
+        moved[at[problem.places(run, WARMTH)]] = MEDIAN_WARMTH
+    return moved
 
 
 def in_other_kinetics(model: Model, fewer: Model | None, context: SearchContext) -> Model | None:
@@ -222,12 +239,8 @@ def without_difference(model: Model, component: Component, nominal: Problem) -> 
     smaller = replace(
         problem, differences=differences, runs=tuple(with_differences_in(run, differences) for run in nominal.runs)
     )
-    shared = len(problem.shared)
-    parts = [fit.z[:shared]] + [
-        fit.z[at][shared : shared + len(smaller.own(run))] for run, at in zip(smaller.runs, problem.indices(), strict=True)
-    ]
     rest = tuple(one for one in model.components if one.name != component.name)
-    return replace(model, components=rest, fit=replace(fit, problem=smaller, z=np.concatenate(parts)))
+    return replace(model, components=rest, fit=replace(fit, problem=smaller, z=with_own_unknowns(problem, fit.z, smaller)))
 
 
 def on_run_subset(fit: FitResult) -> FitResult:
@@ -259,9 +272,10 @@ def joined(fit: FitResult, nominal: FitResult) -> tuple[Problem, Vector]:
     known = {run.name: fit.z[at][shared:] for run, at in zip(fit.problem.runs, fit.problem.indices(), strict=True)}
     others = len(nominal.problem.shared)
     parts = [fit.z[:shared]]
-    for run, at in zip(runs, nominal.problem.indices(), strict=True):
-        own = known.get(run.name, nominal.z[at][others:])
-        parts.append(np.concatenate([own, np.zeros(len(problem.own(run)) - len(own))]))
+    for run, before, at in zip(runs, nominal.problem.runs, nominal.problem.indices(), strict=True):
+        own = known.get(run.name)
+        without = values_in_order(nominal.problem.own(before), nominal.z[at][others:], problem.own(run))
+        parts.append(without if own is None else own)
     return problem, np.concatenate(parts)
 
 
