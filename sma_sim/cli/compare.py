@@ -9,6 +9,7 @@ from typing import Any
 
 from sma_sim.cli.common.commands import add_command, add_kinetics
 from sma_sim.cli.common.data import (
+    add_beginning_option,
     add_data_options,
     check_outputs,
     chosen_executor,
@@ -40,6 +41,7 @@ def add_parser(verbs: Any) -> None:
     """Declare the verb."""
     parser = add_command(verbs, 'compare', 'compare the model with recordings, and say where the error is')
     add_data_options(parser)
+    add_beginning_option(parser)
     parser.add_argument(
         '--config',
         action='append',

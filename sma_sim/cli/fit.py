@@ -10,6 +10,7 @@ from typing import Any
 from sma_sim.cli.common.commands import add_command
 from sma_sim.cli.common.data import (
     EXIT_INTERRUPTED,
+    add_beginning_option,
     add_data_options,
     add_limit_option,
     add_search_options,
@@ -35,6 +36,7 @@ def add_parser(verbs: Any) -> None:
     """Declare the verb."""
     parser = add_command(verbs, 'fit', 'estimate parameters of the model from recordings')
     add_data_options(parser)
+    add_beginning_option(parser)
     parser.add_argument(
         '--free',
         action='append',

@@ -20,7 +20,7 @@ from sma_sim.model.config import flat_parameters
 from sma_sim.model.effects.scope import SEPARATOR, law_name
 from sma_sim.words.fit_data import by_run_data, implausible_data
 from sma_sim.words.json_values import finite
-from sma_sim.words.nuisances import nuisance_data
+from sma_sim.words.nuisances import WireAtBeginning, nuisance_data, warm_wires
 from sma_sim.words.proposed_equation import proposed_data
 from sma_sim.words.set_up import fault_data
 
@@ -111,7 +111,11 @@ def differences(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     return [
         {'what': one.words, 'by_recording': dict(amounts(one, diagnosis))}
         | ({'above_first': {name: asdict(there) for name, there in above_first(diagnosis).items()}} if one.ambient else {})
-        | ({'wires': wires_at_beginning(diagnosis)} if one.in_motion else {})
+        | (
+            {'wires': {name: [asdict(wire) for wire in wires] for name, wires in wires_at_beginning(diagnosis).items()}}
+            if one.in_motion
+            else {}
+        )
         for one in diagnosis.differences
     ]
 
@@ -127,19 +131,9 @@ def amounts(difference: RecordingDifference, diagnosis: Diagnosis) -> Iterator[t
             yield run.name, run.ambient if difference.ambient else run.name in difference.recordings
 
 
-def wires_at_beginning(diagnosis: Diagnosis) -> dict[str, list[dict[str, float]]]:
-    """By recording and wire, its temperature at the beginning [K]; without an interval where the recording was held out."""
-    known = diagnosis.calibration.uncertainty
-    found = {}
-    for run in (*diagnosis.calibration.runs, *diagnosis.predicted):
-        intervals = known.warmth.get(run.name, ()) if known else ()
-        found[run.name] = [
-            {'T': run.T_E + warmth, 'low': run.T_E + intervals[k].low, 'high': run.T_E + intervals[k].high}
-            if k < len(intervals)
-            else {'T': run.T_E + warmth, 'low': math.nan, 'high': math.nan}
-            for k, warmth in enumerate(run.warmth)
-        ]
-    return found
+def wires_at_beginning(diagnosis: Diagnosis) -> dict[str, tuple[WireAtBeginning, ...]]:
+    """By recording, how warm its wires were when it began, those held out among them."""
+    return warm_wires(diagnosis.calibration, diagnosis.predicted)
 
 
 def above_first(diagnosis: Diagnosis) -> dict[str, AmbientDifference]:

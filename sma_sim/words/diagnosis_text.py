@@ -15,11 +15,11 @@ from sma_sim.evidence.search.refine import TIE
 from sma_sim.evidence.search.steps import CandidateFit
 from sma_sim.evidence.set_up.check import is_uncertain
 from sma_sim.model.effects.scope import law_name
-from sma_sim.model.parameters import ZERO_CELSIUS, Parameter
+from sma_sim.model.parameters import Parameter
 from sma_sim.model.shown import joined_words
 from sma_sim.words.diagnosis_data import above_first, amounts, models, probabilities, wires_at_beginning
 from sma_sim.words.fit_remarks import agreement_sentence, implausible_sentence, misfit_sentence, other_minima
-from sma_sim.words.nuisances import ambient_sentence, nuisance_sentences
+from sma_sim.words.nuisances import ambient_sentence, beginning_words, nuisance_sentences
 from sma_sim.words.probabilities import probability_lines
 from sma_sim.words.proposed_equation import describes, error_number, proposed_text
 from sma_sim.words.set_up import set_up_sentences
@@ -217,7 +217,8 @@ def difference_lines(diagnosis: Diagnosis) -> Iterator[str]:
     for difference in diagnosis.differences:
         values = dict(amounts(difference, diagnosis))
         if difference.in_motion:
-            yield f'The recordings do not begin at rest, no effect of the robot: {beginning_words(diagnosis)}.'
+            warm = beginning_words(wires_at_beginning(diagnosis))
+            yield f'The recordings do not begin at rest, no effect of the robot: {warm}.'
             continue
         if difference.unpowered_side:
             shown = f'lost in {joined_words([name for name, is_lost in values.items() if is_lost])}'
@@ -227,19 +228,6 @@ def difference_lines(diagnosis: Diagnosis) -> Iterator[str]:
         else:
             shown = f'{joined_words([f"{name} {value:+.3g}" for name, value in values.items()])} [SI]'
         yield f'The recordings differ, no effect of the robot: {difference.words}, {shown}.'
-
-
-def beginning_words(diagnosis: Diagnosis) -> str:
-    """The wires that are warm when recordings begin, in degrees Celsius, with their 95 % intervals where these are known."""
-    shown = []
-    ambient = {run.name: run.T_E for run in (*diagnosis.calibration.runs, *diagnosis.predicted)}
-    for name, wires in wires_at_beginning(diagnosis).items():
-        for k, wire in enumerate(wires, start=1):
-            known = math.isfinite(wire['low'])
-            if wire['low' if known else 'T'] > ambient[name]:
-                between = f' ({wire["low"] - ZERO_CELSIUS:.0f} to {wire["high"] - ZERO_CELSIUS:.0f})' if known else ''
-                shown.append(f'wire_{k} of {name} at {wire["T"] - ZERO_CELSIUS:.0f} degC{between}')
-    return joined_words(shown) or 'their poses are not those of cold wires'
 
 
 def kelvin_words(name: str, there: AmbientDifference) -> str:

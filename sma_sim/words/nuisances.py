@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite, nan
 from typing import Any
 
 from sma_sim.evidence.estimation.calibrate import Calibration
+from sma_sim.evidence.estimation.held_out_prediction import RunFit
 from sma_sim.evidence.estimation.uncertainty import Interval
 from sma_sim.model.effects.discovery import ActiveEffect
+from sma_sim.model.parameters import ZERO_CELSIUS
+from sma_sim.model.shown import joined_words
 
 
 def offset_sentences(found: Calibration) -> list[str]:
@@ -25,6 +30,42 @@ def ambient_sentence(found: Calibration) -> str:
     """The ambient temperature of each recording where that was not known; empty where it was."""
     shown = ', '.join(f'{run.name} {run.ambient:+.2f}' for run in found.runs if run.ambient_std > 0.0)
     return f'ambient temperature above that of the recording, estimated for each [K]: {shown}' if shown else ''
+
+
+@dataclass(frozen=True)
+class WireAtBeginning:
+    """The temperature of a wire when a recording begins [K], its 95 % interval, NaN where that is not known, and the ambient
+    temperature."""
+
+    T: float
+    low: float
+    high: float
+    T_E: float
+
+
+def warm_wires(found: Calibration, predicted: Sequence[RunFit] = ()) -> dict[str, tuple[WireAtBeginning, ...]]:
+    """By recording that may not begin at rest, its wires; those of held-out runs as they were `predicted`."""
+    known, wires = found.uncertainty.warmth if found.uncertainty else {}, dict[str, tuple[WireAtBeginning, ...]]()
+    for run in (*found.runs, *predicted):
+        unknown = [(nan, nan)] * len(run.warmth)
+        ends = [(one.low, one.high) for one in known.get(run.name, ())] or unknown
+        wires[run.name] = tuple(
+            WireAtBeginning(run.T_E + warmth, run.T_E + low, run.T_E + high, run.T_E)
+            for warmth, (low, high) in zip(run.warmth, ends, strict=True)
+        )
+    return {name: of_run for name, of_run in wires.items() if of_run}
+
+
+def beginning_words(wires: Mapping[str, Sequence[WireAtBeginning]]) -> str:
+    """The wires that are warm when recordings begin, in degrees Celsius, with their 95 % intervals where these are known."""
+    shown = []
+    for name, of_run in wires.items():
+        for k, wire in enumerate(of_run, start=1):
+            is_known = isfinite(wire.low)
+            if (wire.low if is_known else wire.T) > wire.T_E:
+                between = f' ({wire.low - ZERO_CELSIUS:.0f} to {wire.high - ZERO_CELSIUS:.0f})' if is_known else ''
+                shown.append(f'wire_{k} of {name} at {wire.T - ZERO_CELSIUS:.0f} degC{between}')
+    return joined_words(shown) or 'no wire is clearly warm, but the poses are not those at rest'
 
 
 def given_effects(found: Calibration, findings: Collection[str]) -> list[ActiveEffect]:

@@ -1,13 +1,17 @@
 """What differs between the recordings of a campaign: found, named, and never physics of the robot."""
 
+import json
 from dataclasses import replace
 from threading import Event
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from made_recordings import write_recording
 
 import sma_sim
+from sma_sim.cli.main import main
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.diagnosis.review import reviewed
 from sma_sim.evidence.estimation.calibrate import FitOptions, problem_for
@@ -22,7 +26,7 @@ from sma_sim.evidence.model_selection.differing_recordings import IN_MOTION, pro
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 from sma_sim.evidence.search.components import Component
 from sma_sim.evidence.search.refine import Model, without_difference
-from sma_sim.solver.inputs import Input
+from sma_sim.solver.inputs import Input, inputs_at
 from sma_sim.words.diagnosis_data import as_data
 from sma_sim.words.diagnosis_text import as_text
 
@@ -144,6 +148,28 @@ def test_recordings_that_begin_warm_are_said_to_and_lack_nothing():
                 assert wire['low'] - 0.1 < temperature < wire['high'] + 0.1  # 1 of 20 may miss
     assert 'do not begin at rest, no effect of the robot: wire_' in text and ' of run3 at ' in text
     assert data['error'][-1]['held_out'] < 1.1 < data['error'][0]['held_out']
+
+
+def test_a_fit_and_a_comparison_are_told_that_recordings_may_begin_in_motion(tmp_path, capsys):
+    """Then the true model explains them, and one that is held out, and the warm wires are said."""
+    for one in pieces()[0]:
+        command = inputs_at(one.source, one.time)['J_eq_W']
+        channels = {CHANNEL_COLUMNS[name]: values for name, values in one.channels.items()}
+        columns = {'time_s': one.time, 'J_eq_W': command, 'T_E_K': np.full(len(one.time), 298.0), **channels}
+        write_recording(tmp_path / f'{one.name}.csv', columns)
+    noise = [word for name, std in NOISE.items() for word in ('--noise', f'{name}={std}')]
+    errors = []
+    for words in ([], ['--in-motion']):
+        path = tmp_path / 'found.json'
+        command = ['compare', str(tmp_path), '--hold-out', 'run3', *noise, *words, '--json', str(path)]
+        assert main(command) == 0
+        errors.append(json.loads(path.read_text())['comparisons'][0]['error'])
+    (rest, moving) = errors
+    assert rest['train'] > 3.0 and rest['held_out'] > 3.0
+    assert moving['train'] < 1.1 and moving['held_out'] < 1.2
+    capsys.readouterr()
+    assert main(['fit', str(tmp_path), '--free', 'beam.E', '--model', 'hybrid', '--starts', '1', *noise, '--in-motion']) == 0
+    assert 'how warm wires were when recordings began, estimated for each: wire_1 of run1 at ' in capsys.readouterr().out
 
 
 def test_the_derivatives_in_what_is_left_of_a_motion_are_those_of_the_residuals():

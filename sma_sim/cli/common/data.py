@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from sma_sim.cli.common.commands import add_kinetics, print_notes
@@ -39,6 +40,15 @@ def add_data_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--report', type=report_path, metavar='FILE.html', help='HTML report to write, with figures')
     parser.add_argument('--json', type=Path, metavar='FILE.json', help='results to write, for programs')
     parser.add_argument('--scheduler', metavar='ADDRESS', help='Dask cluster that does the work, such as tcp://host:8786')
+
+
+def add_beginning_option(parser: argparse.ArgumentParser) -> None:
+    """``--in-motion`` of what does not find that by itself."""
+    parser.add_argument(
+        '--in-motion',
+        action='store_true',
+        help='estimate how warm wires were, and where the pose was, when each recording begins (default: all begin at rest)',
+    )
 
 
 def add_recording_options(parser: argparse.ArgumentParser, nargs: str = '+') -> None:
@@ -143,6 +153,8 @@ def read_data(arguments: argparse.Namespace, config: Config) -> tuple[Dataset, D
     request = data_request(arguments)
     dataset = request.read(config)
     print_notes(grouped_notes([dataset]))
+    if getattr(arguments, 'in_motion', False):
+        dataset = replace(dataset, recordings=tuple(replace(one, in_motion=True) for one in dataset.recordings))
     return request.split(dataset)
 
 

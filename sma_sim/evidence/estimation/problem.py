@@ -41,6 +41,7 @@ START = FreeParameter('start', 0.5, 0.5, -1.0, 1.0, False, '-')
 AMBIENT = FreeParameter('ambient', 0.0, 1.0, -5.0, 5.0, False, 'K')  # in standard deviations of the recording's prior
 WARMTH = FreeParameter('warmth', 0.0, 1.0, 0.0, 6.0, False, 'K')  # in standard deviations of the recording's prior, as
 MOTION = FreeParameter('motion', 0.0, 1.0, -6.0, 6.0, False, '-')  # is what is left of the pose and its rates
+MEDIAN_WARMTH = 0.6745  # of its prior, half a normal one
 SWITCH = FreeParameter('switch', 0.5, 0.288675, -1.73, 1.73, False, '-')  # uniform in the interval: its mean and std
 HUBER_CORNER = 3.0  # residual, in units of the noise, from which a robust loss grows linearly
 
@@ -471,7 +472,8 @@ def assembled(
 def start_point(problem: Problem, guess: Vector | None = None) -> Vector:
     """A point at the middle of the priors, within the bounds."""
     low, high = problem.limits()
-    return np.clip(np.zeros(len(low)) if guess is None else guess, low, high)
+    middle = [MEDIAN_WARMTH if one.name == WARMTH.name else 0.0 for one in problem.unknowns]
+    return np.clip(middle if guess is None else guess, low, high)
 
 
 @dataclass(frozen=True)

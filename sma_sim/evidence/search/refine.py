@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.executors import run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.problem import WARMTH, Problem, values_in_order, with_own_unknowns
+from sma_sim.evidence.estimation.problem import Problem, start_point, values_in_order, with_own_unknowns
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
 from sma_sim.evidence.estimation.residuals import FitData
 from sma_sim.evidence.estimation.run_subset import run_subset, to_subset
@@ -34,7 +34,6 @@ Vector = NDArray[np.float64]
 SKETCHED, REFITTED, RESTARTED = 12, 5, 3  # proposals that are sketched, refitted, and fitted from further starts
 SAME_VALLEY = 2.0  # costs that differ by less belong to one optimum
 Start = tuple[Component, Problem, Vector]
-MEDIAN_WARMTH = 0.6745  # of wires, in standard deviations of its prior, half of a normal one
 MAX_LOG_ODDS = 700.0  # of which exp is still a number
 WINDOW = 10.0  # nats behind the best beyond which a model has no weight (Occam's window; Madigan and Raftery 1994)
 TIE = 5.0  # nats within which two models are said to be tied: the odds are below 150 to 1
@@ -180,7 +179,8 @@ def restarted(base: FitResult, model: Model, target: float, context: SearchConte
     problem, z = component.added_to(at_prior_means(base))
     starts = [(z, WEAKLY_DAMPED)]
     if component.is_of_beginning:
-        starts = [(from_warm_wires(problem, z), FROM_PRIORS)]
+        shared = len(problem.shared)  # what a model at rest has led the own unknowns of recordings to means little here
+        starts = [(np.append(z[:shared], start_point(problem)[shared:]), FROM_PRIORS)]
     elif not component.is_difference:
         defaults = at_defaults(problem)
         starts += [(defaults, ADDED_EFFECT), (defaults, FROM_PRIORS)]
@@ -190,15 +190,6 @@ def restarted(base: FitResult, model: Model, target: float, context: SearchConte
 def criteria_for(component: Component) -> StopCriteria:
     """How a model with one component more is fitted: beginnings have many unknowns, whose absence has bent all others."""
     return FROM_PRIORS if component.is_of_beginning else ADDED_EFFECT
-
-
-def from_warm_wires(problem: Problem, z: Vector) -> Vector:
-    """The point z with all wires warm from before, in the middle of their hysteresis and of their poses."""
-    moved = z.copy()
-    for run, at in zip(problem.runs, problem.indices(), strict=True):
-        moved[at[len(problem.shared) :]] = 0.0
-        moved[at[problem.places(run, WARMTH)]] = MEDIAN_WARMTH
-    return moved
 
 
 def in_other_kinetics(model: Model, fewer: Model | None, context: SearchContext) -> Model | None:
