@@ -28,6 +28,10 @@ Every number of the model, of its structures and of its effects, in SI units: th
 what is met in practice (by which a diagnosis judges whether a value is plausible) and the value at which the effect
 vanishes. Names are those of `--set` and of the parameter file. This page is made from the declarations by
 `python docs/make_parameters.py`; `sma-sim systems NAME` and `sma-sim effects NAME` print the same with their sources.
+
+A value is refused that was probably given in another unit, such as `wire.sigma_T: 8` for 8 MPa/K: it is far from what real
+robots have, and would be among them in that unit. Whoever means it gives it with its unit: `wire.sigma_T: '8 Pa/K'` in a
+file, `--set 'wire.sigma_T=8 Pa/K'`, `Config({'wire.sigma_T': '8 Pa/K'})`.
 """
 COLUMNS = '| parameter | default | unit | allowed | what it is |\n|---|---|---|---|---|'
 EFFECT_COLUMNS = (

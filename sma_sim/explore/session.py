@@ -140,7 +140,8 @@ class Session:
         given = dict(given_in(*stamped(self.file()), self.trusted))
         if effects is not None:
             given['effects.active'] = RawValue(list(effects), FROM_SESSION)
-        return checked(given | {name: RawValue(value, FROM_SESSION) for name, value in (values or {}).items()})
+        more = {name: RawValue(value, FROM_SESSION, recorded=True) for name, value in (values or {}).items()}  # beside units
+        return checked(given | more)
 
     def change(
         self,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sma_sim.gym.posterior import Posterior
 from sma_sim.model.arrays import Vector
-from sma_sim.model.config import Config
+from sma_sim.model.config import CheckedValues, Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.parameters import wire_constants
@@ -168,7 +168,7 @@ class Task:
 def with_parameters(config: Config, values: Mapping[str, float]) -> Config:
     """The configuration with some values, those of effects too. Raises UserError."""
     return Config(
-        {**config.parameters, **values},
+        CheckedValues({**config.parameters, **values}),
         config.system,
         config.kinetics,
         config.effects,

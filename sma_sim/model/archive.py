@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from sma_sim.model.argument_checks import checked
-from sma_sim.model.config import Config
+from sma_sim.model.config import CheckedValues, Config
 from sma_sim.model.effects.discovery import FoundEffect, found_effect, package_effects, with_scopes
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.errors import UserError
@@ -258,6 +258,7 @@ class Reader:
         if 'config' in plain:
             given = self.value(plain['config'])
             effects, priors, covariance = (given.pop(name, None) for name in ('effects', 'priors', 'covariance'))
+            given['parameters'] = CheckedValues(given['parameters'])
             made = Config(**given).variant(effects=effects)
             return (replace(made, priors=priors) if priors else made).with_covariance(covariance)
         if 'effect' in plain:

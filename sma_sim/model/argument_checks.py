@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.model.errors import UserError
-from sma_sim.model.parameters import KELVIN, is_number, kelvin_hint
+from sma_sim.model.likely_unit import kelvin_hint
+from sma_sim.model.parameters import KELVIN, is_number
 
 MAKERS = {  # of the arguments of public functions, by their class
     'Config': 'sma_sim.Config(...) or read_config(...)',

@@ -36,9 +36,10 @@ from sma_sim.model.given import (
     named_folders,
     names_in,
 )
+from sma_sim.model.likely_unit import likely_unit, met_in_practice, unit_hint
 from sma_sim.model.nearest import suggestion as suggestion
 from sma_sim.model.parameter_yaml import ConfigError as ConfigError
-from sma_sim.model.parameters import KELVIN, Parameter, is_number, kelvin_hint
+from sma_sim.model.parameters import Parameter, is_number
 from sma_sim.model.program_parameters import SETTINGS, Setting, joint_name_setting
 from sma_sim.model.renamed import renamed, warn_of
 from sma_sim.model.structures.discovery import (
@@ -94,6 +95,10 @@ def settings_of(structure: Structure) -> dict[str, Setting]:
     """The nodes' texts and switches by full name: also the names of a structure's joints, for the live check."""
     names = {name: f'check.name_{name}' for name in structure.coordinate_names}
     return dict(SETTINGS) | {full: joint_name_setting(name) for name, full in names.items()}
+
+
+class CheckedValues(dict[str, float]):
+    """Values by full name that a configuration has, which another one may have unasked whether their units were meant."""
 
 
 @renamed(model='kinetics')
@@ -297,7 +302,7 @@ class Config(Comparable):
         inside = {n: min(max(v, declared[n].bounds[0]), declared[n].bounds[1]) for n, v in moved.items()}
         kept |= {n: v for n, v in inside.items() if n in kept}
         effects = tuple(active.with_values(inside) for active in effects)
-        made = Config(kept, other.family, self.kinetics, effects, settings, own_structure, priors)
+        made = Config(CheckedValues(kept), other.family, self.kinetics, effects, settings, own_structure, priors)
         return made.variant(moved).with_covariance(known)  # unchecked: derivatives are taken across bounds
 
     def __repr__(self) -> str:
@@ -370,7 +375,7 @@ def split_parameters(given: Mapping[str, Any]) -> tuple[dict[str, RawValue], dic
         if name in ARGUMENTS:
             raise ConfigError(f'{name} is no parameter ({in_config("parameters")}): give Config({ARGUMENTS[name]}=...)')
         part = of_effects if isinstance(name, str) and name.startswith('effects.') else values
-        part[name] = RawValue(value, in_config('parameters'))
+        part[name] = RawValue(value, in_config('parameters'), recorded=isinstance(given, CheckedValues))
     return of_effects, values
 
 
@@ -471,7 +476,8 @@ def checked_active(one: ActiveEffect) -> ActiveEffect:
         names = ', '.join(parameter.name for parameter in effect.parameters)
         raise ConfigError(f'effect {effect.name}: got {len(one.values)} values; expected one for each of {names}')
     for parameter, value in zip(effect.parameters, one.values, strict=True):
-        checked_value(f'effects.{effect.name}.{parameter.name}', RawValue(value, in_config('effects')), parameter)
+        given = RawValue(value, in_config('effects'), recorded=True)
+        checked_value(f'effects.{effect.name}.{parameter.name}', given, parameter)
     return one
 
 
@@ -584,7 +590,7 @@ def checked(given: Mapping[str, RawValue], objects: Mapping[str, FoundEffect] = 
             known[name] = checked_number(name, entry, declared)
     asked = given.get('effects.active', RawValue([], ''))
     effects = tuple(active_effect(name, found, known, asked) for name in names_in('effects.active', asked))
-    values = {name: known[name] for name in defaults}
+    values = CheckedValues((name, known[name]) for name in defaults)
     priors = checked_priors(stds, structure, effects)
     made = Config(values, structure.family, kinetics, effects, settings, own if own.files else None, priors)
     return made.with_covariance(together)
@@ -715,25 +721,41 @@ def checked_number(name: str, one: RawValue, declared: Mapping[str, Parameter]) 
 
 
 def checked_value(name: str, one: RawValue, parameter: Parameter) -> float:
-    """A value of a parameter, within its bounds. Raises ConfigError."""
-    value, (low, high) = one.value, parameter.bounds
+    """A value of a parameter, within its bounds and in its unit. Raises ConfigError."""
+    value, (low, high), unit = one.value, parameter.bounds, f' {parameter.unit}'.removesuffix(' -')
+    if is_insisted := isinstance(value, str) and value.endswith(f' {parameter.unit}'):
+        value = as_number(value.removesuffix(parameter.unit))
     if not is_number(value):
-        unit = f' in {parameter.unit}'.removesuffix(' in -')
-        raise ConfigError(f'{name} = {value!r} ({one.where}): expected a number{unit}{yaml_hint(value)}')
+        raise ConfigError(f'{name} = {one.value!r} ({one.where}): expected a number{unit and " in"}{unit}{yaml_hint(value)}')
     number = float(value)
     if math.isnan(number) and math.isnan(parameter.default):
         return number
+    given = f'{name} = {number:g}{unit} ({one.where})'
     if not low - ROUNDING * abs(low) <= number <= high + ROUNDING * abs(high):
-        unit = f' {parameter.unit}'.removesuffix(' -')
-        hint = kelvin_hint(number) if parameter.bounds == KELVIN else ''
-        raise ConfigError(f'{name} = {number:g}{unit} ({one.where}): expected {low:g} to {high:g}{unit}{hint}')
+        raise ConfigError(f'{given}: expected {low:g} to {high:g}{unit}{unit_hint(parameter, number)}')
+    other, meant = likely_unit(parameter, number)
+    if other and not (is_insisted or one.recorded):
+        low, high = met_in_practice(parameter)
+        raise ConfigError(
+            f'{given}: did you mean {number:g} {other}, {meant:g}? Usual are {low:g} to {high:g}{unit}; if you do mean '
+            f"{number:g}{unit}, give it with its unit: '{with_unit(number, parameter)}'"
+        )
     return number
+
+
+def with_unit(value: float, parameter: Parameter) -> str:
+    """A value as it is given where another unit is more likely."""
+    return f'{value!r} {parameter.unit}'
+
+
+def as_number(value: Any) -> Any:
+    """What a text says as a number; else itself."""
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return value
 
 
 def yaml_hint(value: Any) -> str:
     """What is wrong with a number that is a text."""
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        return ''
-    return f'; write {number:g} without quotes' if isinstance(value, str) else ''
+    return f'; write {number:g} without quotes' if isinstance(value, str) and value != (number := as_number(value)) else ''

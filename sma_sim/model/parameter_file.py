@@ -7,7 +7,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from decimal import Decimal
 
-from sma_sim.model.config import AUTO, MODELS, Config, folders_of, settings_of
+from sma_sim.model.config import AUTO, MODELS, Config, folders_of, settings_of, with_unit
+from sma_sim.model.likely_unit import likely_unit
 from sma_sim.model.parameters import PAPER, Parameter
 from sma_sim.model.program_parameters import GROUPS, Setting
 from sma_sim.model.structures.discovery import package_structures
@@ -94,7 +95,8 @@ def line(parameter: Parameter, value: float) -> str:
     same = value == parameter.default or math.isnan(value) and math.isnan(parameter.default)
     note = f'; default {yaml_number(parameter.default)}' if not same else ''
     source = f'; {parameter.source}' if same and parameter.source not in ('', PAPER) else ''
-    return f'{parameter.name}: {yaml_number(value)}  # [{parameter.unit}] {parameter.description}{source}{note}'
+    number = f"'{with_unit(value, parameter)}'" if likely_unit(parameter, value)[0] else yaml_number(value)
+    return f'{parameter.name}: {number}  # [{parameter.unit}] {parameter.description}{source}{note}'
 
 
 def setting_line(name: str, setting: Setting, config: Config) -> str:

@@ -12,17 +12,17 @@ from dataclasses import dataclass, replace
 from numbers import Real
 from typing import NamedTuple
 
+from sma_sim.model.materials import SPECIFIC_HEAT, usual_range
+
 PAPER = 'Mandolino, Ferrante and Rizzello, RA-L 2021, section IV'
 RESISTIVITY = 'usual NiTi actuator wires; law: Furst and Seelecke, J. Intell. Mater. Syst. Struct. 23 (2012) 1233'
 ZERO_CELSIUS = 273.15  # [K]
 KELVIN = (150.0, 2000.0)  # [K] of what is near a wire: smaller numbers are degrees Celsius
+DENSITIES = (5e3, 1.1e4)  # [kg/m^3] of shape-memory alloys, from those of titanium and niobium to those with platinum
+COOLING = (4.0, 5e5)  # [W/(m^2 K)] of wires of 1 mm in still air to 25 um in flowing water, see `plausibility.usual_ranges`
+LOADS = (1e6, 1e9)  # [Pa] at which wires transform: less moves nothing, more breaks them
+SIZES, MASSES = (1e-3, 0.1), (1e-3, 0.1)  # [m], [kg] of parts and loads that bundles of thin wires move
 K_B = 1.380649e-23  # Boltzmann constant [J/K], exact by definition of the SI
-
-
-def kelvin_hint(value: float) -> str:
-    """What a temperature out of `KELVIN` is if degrees Celsius were meant."""
-    kelvin = value + ZERO_CELSIUS
-    return f'\n{value:g} deg C are {kelvin:g} K' if KELVIN[0] <= kelvin <= KELVIN[1] else ''
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,8 @@ class Parameter:
         For the parameter of an effect: the value at which the effect vanishes.
     realistic : tuple of float or None
         The range met in practice, by which a diagnosis judges whether a value is plausible.
+    usual : tuple of float or None
+        Of a parameter without a realistic range, what real robots have: a value far outside is asked for its unit.
     quantity : str
         For the parameter of an effect on any coordinate, what of it it is: ``'force'``, ``'rate'``, ``'change'`` or
         ``'1/change^2'``. The numbers are for the rotation of the paper's module; on another structure they are converted to
@@ -57,6 +59,7 @@ class Parameter:
     neutral: float | None = None
     realistic: tuple[float, float] | None = None
     quantity: str = ''
+    usual: tuple[float, float] | None = None
 
 
 def declared_in(source: str, *parameters: Parameter) -> tuple[Parameter, ...]:
@@ -78,10 +81,11 @@ def fault_of(parameter: Parameter) -> str:
     if not (unit and isinstance(unit, str)):
         return f"parameter {name}: expected a unit, such as 'N/m' ('-' for none), got {unit!r}"
     low, high = bounds
-    realistic = parameter.realistic or bounds
-    if not (isinstance(realistic, tuple) and len(realistic) == 2 and all(map(is_number, realistic))):
-        return f'parameter {name}: expected two numbers, got realistic {realistic!r}'
-    for kind, (low_end, high_end) in (('bounds', bounds), ('realistic', realistic)):
+    ranges = {'bounds': bounds, 'realistic': parameter.realistic or bounds, 'usual': parameter.usual or bounds}
+    for kind, ends in ranges.items():
+        if not (isinstance(ends, tuple) and len(ends) == 2 and all(map(is_number, ends))):
+            return f'parameter {name}: expected two numbers, got {kind} {ends!r}'
+    for kind, (low_end, high_end) in ranges.items():
         if low_end > high_end:
             return f'parameter {name}: {kind} {low_end:g} to {high_end:g} {unit}; expected the lower end first'
     for kind, value in (('default', parameter.default), ('neutral', parameter.neutral)):
@@ -97,18 +101,25 @@ def is_number(value: object) -> bool:
 
 WIRE_PARAMETERS = declared_in(
     PAPER,
-    Parameter('E_A', 12.3e9, 'Pa', (1e8, 1e12), "Young's modulus of austenite"),
-    Parameter('E_M', 7.8e9, 'Pa', (1e8, 1e12), "Young's modulus of martensite"),
-    Parameter('eps_T', 0.067, '-', (1e-3, 0.3), 'transformation strain'),
-    Parameter('sigma_T', 2.13e6, 'Pa/K', (0.0, 1e8), 'slope of the transformation stresses over temperature'),
-    Parameter('c_V', 380.0, 'J/(kg K)', (1.0, 1e5), 'specific heat'),
-    Parameter('lambda', 450.0, 'W/(m^2 K)', (0.0, 1e6), 'convective cooling coefficient'),
-    Parameter('sigma_MW0', 121.35e6, 'Pa', (0.0, 1e10), 'Maxwell stress sigma_MW at T0'),
-    Parameter('dsigma', 12.3e6, 'Pa', (1e3, 1e10), 'height of the stress-strain hysteresis'),
+    Parameter('E_A', 12.3e9, 'Pa', (1e8, 1e12), "Young's modulus of austenite", usual=usual_range('E_A')),
+    Parameter('E_M', 7.8e9, 'Pa', (1e8, 1e12), "Young's modulus of martensite", usual=usual_range('E_M')),
+    Parameter('eps_T', 0.067, '-', (1e-3, 0.3), 'transformation strain', usual=usual_range('eps_T')),
+    Parameter(
+        'sigma_T',
+        2.13e6,
+        'Pa/K',
+        (0.0, 1e8),
+        'slope of the transformation stresses over temperature',
+        usual=usual_range('sigma_T'),
+    ),
+    Parameter('c_V', 380.0, 'J/(kg K)', (1.0, 1e5), 'specific heat', usual=SPECIFIC_HEAT),
+    Parameter('lambda', 450.0, 'W/(m^2 K)', (0.0, 1e6), 'convective cooling coefficient', usual=COOLING),
+    Parameter('sigma_MW0', 121.35e6, 'Pa', (0.0, 1e10), 'Maxwell stress sigma_MW at T0', usual=LOADS),
+    Parameter('dsigma', 12.3e6, 'Pa', (1e3, 1e10), 'height of the stress-strain hysteresis', usual=usual_range('dsigma')),
     Parameter('T0', 323.0, 'K', KELVIN, 'reference temperature of sigma_MW0'),
     Parameter('r0', 75e-6, 'm', (1e-6, 1e-2), 'radius of one wire'),
     Parameter('l0', 95.7e-3, 'm', (1e-4, 10.0), 'undeformed length of a wire'),
-    Parameter('rho', 7745.0, 'kg/m^3', (1.0, 1e5), 'density'),
+    Parameter('rho', 7745.0, 'kg/m^3', (1.0, 1e5), 'density', usual=DENSITIES),
     Parameter('omega_x', 100.0, '1/s', (1e-3, 1e9), 'attempt frequency of the MAS kinetics'),
     Parameter('V_L', 5e-23, 'm^3', (1e-27, 1e-18), 'volume of a mesoscopic layer (MAS kinetics)'),
     Parameter('n', 10.0, '-', (1.0, 10000.0), 'wires in one bundle'),
@@ -145,8 +156,8 @@ BEAM_PARAMETERS = declared_in(
 )
 PLATE_PARAMETERS = declared_in(
     PAPER,
-    Parameter('W', 10e-3, 'm', (1e-4, 10.0), 'width of the plate: distance of the two bundles'),
-    Parameter('m_H', 10e-3, 'kg', (1e-6, 1e4), 'mass of the plate'),
+    Parameter('W', 10e-3, 'm', (1e-4, 10.0), 'width of the plate: distance of the two bundles', usual=SIZES),
+    Parameter('m_H', 10e-3, 'kg', (1e-6, 1e4), 'mass of the plate', usual=MASSES),
 )
 ENVIRONMENT_PARAMETERS = declared_in(PAPER, Parameter('T_E', 298.0, 'K', KELVIN, 'ambient temperature'))
 

@@ -15,6 +15,7 @@ from rclpy.parameter import Parameter
 from sma_sim.model.config import AUTO, MODELS, Config, checked, names_of_effects, settings_of
 from sma_sim.model.effects.discovery import effects_on, find_effects
 from sma_sim.model.given import LISTS, RawValue, given_in_file, given_over, named_folders
+from sma_sim.model.likely_unit import unit_hint
 from sma_sim.model.parameter_yaml import ConfigError, NothingForNode, belongs_to_ros
 from sma_sim.model.parameters import Parameter as NumberParameter
 from sma_sim.model.program_parameters import DEFAULTS
@@ -194,4 +195,6 @@ def refused_value(name: str, value: float, use_sim_time: bool) -> str:
     if name == STEPS_PER_CALL and value % 1.0 != 0.0:
         return f'{name} = {value}: expected a whole number of steps'
     (low, high), unit = DEFAULTS[name].bounds, DEFAULTS[name].unit
-    return '' if low <= value <= high else f'{name} = {value} {unit}: expected {low:g} to {high:g} {unit}'
+    if low <= value <= high:
+        return ''
+    return f'{name} = {value} {unit}: expected {low:g} to {high:g} {unit}{unit_hint(DEFAULTS[name], value)}'

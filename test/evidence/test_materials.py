@@ -7,7 +7,6 @@ from simulated_data import config as module
 from sma_sim import FitOptions, Input, Recording, read_config
 from sma_sim.evidence.estimation.free_parameters import choose_free
 from sma_sim.evidence.estimation.plausibility import (
-    MATERIALS,
     implausible_parameters,
     material_of,
     usual_ranges,
@@ -15,6 +14,7 @@ from sma_sim.evidence.estimation.plausibility import (
 )
 from sma_sim.evidence.estimation.residuals import SOFTEST, ZERO_LIMIT, fit_data
 from sma_sim.model.errors import UserError
+from sma_sim.model.materials import MATERIALS
 from sma_sim.words.fit_remarks import implausible_sentence
 
 WIRE = ('system=wire', 'wire.sigma_T=8e6', 'wire.dsigma=1.6e8', 'wire.sigma_MW0=1e8')

@@ -1,6 +1,7 @@
 """Constructing a configuration is checking it: no wrong physics passes in silence."""
 
 import math
+import pickle
 import re
 import warnings
 from dataclasses import replace
@@ -11,7 +12,11 @@ import pytest
 import sma_sim
 from sma_sim import Config, Effect, Model, Parameter, UserError, find_effects, module_input, read_config, simulate
 from sma_sim.cli.main import main
+from sma_sim.model.config import effect_parameters
+from sma_sim.model.effects.discovery import effects_on, package_effects
 from sma_sim.model.errors import PhysicsWarning
+from sma_sim.model.likely_unit import likely_unit, written_otherwise
+from sma_sim.model.structures.discovery import found_structures
 
 STEP = module_input([0.0, 1.0, 10.0], [0.0, 12.0, 0.0])
 WRONG = {
@@ -32,6 +37,9 @@ WRONG = {
     'structure of the package': (lambda: sma_sim.structures.sliders, r'has no sliders; did you mean slider'),
     'scope': (lambda: Config(effects=sma_sim.effects.natural_convection(scope='wire_3')), "scope 'wire_3'.*wire_1, wire_2"),
     'inactive effect': (lambda: Config({'effects.gravity.g_y': 2.0}), 'gravity is not active; give Config'),
+    'unit': (lambda: Config({'wire.sigma_T': 8.0}), r'did you mean 8 MPa/K, 8e\+06\?.*give it with its unit: .8\.0 Pa/K.'),
+    'unit on the command line': (lambda: read_config(words='wire.rho=6.45'), r'did you mean 6\.45 g/cm\^3, 6450\?'),
+    'unit of an effect': (lambda: Config(effects='polycrystal:spread=20'), r'did you mean 20 MPa, 2e\+07\?'),
     'setting': (lambda: Config(settings={'node.recrd': 'x'}), r'unknown setting node\.recrd .*did you mean node\.record'),
     'type of a setting': (lambda: Config(settings={'node.record': 3}), r'node\.record = 3 .*expected a text'),
     'size': (lambda: Config({'stack.modules': 2.5}, 'stack'), r'expected a whole number'),
@@ -186,3 +194,41 @@ def test_an_input_is_not_overwritten(tmp_path, capsys):
     )
     assert 'give two files' in capsys.readouterr().err
     assert source.read_text() == 'time_s,J_eq_W\n0,0\n5,0\n' and list(tmp_path.iterdir()) == [source]
+
+
+def test_no_default_and_nothing_realistic_is_asked_for_its_unit():
+    for structure in (one.structure for one in found_structures().values()):
+        values = structure.default_values
+        asked = [name for name, one in structure.all_parameters.items() if likely_unit(one, values[name])[0]]
+        effects = effects_on(package_effects(), list(package_effects()), structure, values)
+        for name, one in effect_parameters(effects).items():
+            given = (one.default, one.neutral, *(one.realistic or ()))
+            asked += [f'{name} = {value}' for value in given if value is not None and likely_unit(one, value)[0]]
+        assert asked == []
+
+
+@pytest.mark.parametrize(
+    ('unit', 'wanted'),
+    [
+        ('Pa/K', {'MPa/K': 1e6}),
+        ('kg/m^3', {'g/cm^3': 1e3}),
+        ('J/(kg K)', {'J/(g K)': 1e3}),
+        ('W/(m^2 K)', {'W/(cm^2 K)': 1e4}),
+        ('ohm m', {'uohm cm': 1e-8}),
+        ('1/rad^2', {'1/deg^2': (180.0 / math.pi) ** 2}),
+        ('W/(m^2 K^(1+m))', {}),
+        ('-', {}),
+    ],
+)
+def test_units_beside_si_have_their_factors(unit, wanted):
+    found = {name: factor for _, name, factor in written_otherwise(unit)}
+    assert {name: found[name] for name in wanted} == pytest.approx(wanted) and bool(found) == bool(wanted)
+
+
+def test_a_value_that_is_meant_is_kept_by_all_that_is_made_of_it(tmp_path):
+    config = Config({'wire.sigma_T': '8 Pa/K'}, 'wire', effects='thermal_expansion:T_ref=25 K')
+    assert config.values['wire.sigma_T'] == 8.0 and config.values['effects.thermal_expansion.T_ref'] == 25.0
+    assert read_config(sma_sim.write_config(config, tmp_path / 'robot.yaml')) == config
+    assert pickle.loads(pickle.dumps(config)) == config
+    assert config.on_bench('wire_under_load').parameters['wire.sigma_T'] == 8.0
+    assert read_config(recorded={'wire.sigma_T': 8.0}).parameters['wire.sigma_T'] == 8.0

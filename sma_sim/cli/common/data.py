@@ -18,11 +18,11 @@ from sma_sim.evidence.data.tables import check_writable
 from sma_sim.evidence.estimation.curve_features import CurveFeatures, curve_features
 from sma_sim.evidence.estimation.dask_cluster import dask_executor
 from sma_sim.evidence.estimation.executors import executor_or_threads
-from sma_sim.evidence.estimation.plausibility import MATERIALS
 from sma_sim.evidence.estimation.prepared_fit import on_leading_bench, started_from
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.given import effect_folders_of
+from sma_sim.model.materials import MATERIALS
 from sma_sim.model.optional import require
 from sma_sim.model.parameter_file import parameter_file
 from sma_sim.report.html.page import Provenance

@@ -36,7 +36,7 @@ from sma_sim.evidence.estimation.held_out_prediction import RunFit, mean_error, 
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize
 from sma_sim.evidence.estimation.log_evidence import DECISIVE, kinetics_probabilities, log_evidences
 from sma_sim.evidence.estimation.overdispersion import overdispersion
-from sma_sim.evidence.estimation.plausibility import MATERIALS, ImplausibleParameter, implausible_of, with_usual_limits
+from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, implausible_of, with_usual_limits
 from sma_sim.evidence.estimation.prepared_fit import PreparedFit, check_data, check_kinetics, prepare
 from sma_sim.evidence.estimation.problem import (
     AMBIENT,
@@ -70,6 +70,7 @@ from sma_sim.model.argument_checks import check_fields, checked, is_like
 from sma_sim.model.arrays import Vector
 from sma_sim.model.config import AUTO, Config
 from sma_sim.model.errors import UserError
+from sma_sim.model.materials import MATERIALS
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.optional import require
 from sma_sim.model.parameters import Parameter

@@ -21,7 +21,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from sma_sim.model.parameters import Parameter, declared_in
+from sma_sim.model.parameters import MASSES, SIZES, Parameter, declared_in
 from sma_sim.model.structures.links import Drawing, Line
 from sma_sim.model.structures.structure import (
     BALANCE,
@@ -126,11 +126,11 @@ def helix(q: Any, p: Any) -> list[Line]:
 PARAMETERS = declared_in(
     SOURCE,
     Parameter('D', 2.5e-3, 'm', (1e-5, 1.0), 'mean diameter of the coil at rest, from wire axis to wire axis'),
-    Parameter('h_0', 8e-3, 'm', (1e-5, 10.0), 'length of the coil without a load'),
+    Parameter('h_0', 8e-3, 'm', (1e-5, 10.0), 'length of the coil without a load', usual=SIZES),
     Parameter('delta_0', 0.05, 'm', (-10.0, 10.0), 'extension of the coil at stroke 0'),
     Parameter('k', 2.0, 'N/m', (0.0, 1e7), 'stiffness of the bias spring; 0: a weight alone'),
     Parameter('x_0', 0.05, 'm', (-10.0, 10.0), 'extension of the bias spring at stroke 0'),
-    Parameter('m', 0.02, 'kg', (1e-6, 1e4), 'mass of the load'),
+    Parameter('m', 0.02, 'kg', (1e-6, 1e4), 'mass of the load', usual=MASSES),
     Parameter('b', 0.5, 'N s/m', (0.0, 1e6), 'damping'),
     Parameter('F_c', 0.0, 'N', (0.0, 1e4), 'dry friction of a guide'),
     Parameter('v_c', 1e-3, 'm/s', (1e-6, 1.0), 'speed at which it reaches 76 % of F_c'),

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from sma_sim.model.parameters import Parameter
+from sma_sim.model.parameters import MASSES, SIZES, Parameter
 from sma_sim.model.structures.links import Drawing, Line
 from sma_sim.model.structures.structure import Coordinate, Structure
 
@@ -55,11 +55,11 @@ STRUCTURE = Structure(
     inertia=lambda p: p.J,
     parameters=(
         Parameter('L', 0.1, 'm', (1e-3, 10.0), 'length of each wire at angle 0'),
-        Parameter('r', 6e-3, 'm', (1e-5, 10.0), 'radius at which the wires act'),
+        Parameter('r', 6e-3, 'm', (1e-5, 10.0), 'radius at which the wires act', usual=SIZES),
         Parameter('J', 2e-5, 'kg m^2', (1e-12, 1e4), 'moment of inertia about the joint'),
         Parameter('k', 0.02, 'N m/rad', (0.0, 1e6), 'stiffness of the joint'),
         Parameter('b', 2e-3, 'N m s/rad', (0.0, 1e6), 'damping of the joint'),
-        Parameter('m', 0.02, 'kg', (0.0, 1e4), 'mass of the lever'),
+        Parameter('m', 0.02, 'kg', (0.0, 1e4), 'mass of the lever', usual=MASSES),
         Parameter('a', 0.03, 'm', (0.0, 10.0), 'from the joint to the centre of mass'),
         Parameter('g', 9.81, 'm/s^2', (0.0, 100.0), 'gravity'),
         Parameter('vertical', 0.0, 'rad', (-math.pi, math.pi), 'angle at which the lever hangs straight down'),

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from sma_sim.model.parameters import Parameter
+from sma_sim.model.parameters import MASSES, Parameter
 from sma_sim.model.structures.links import Drawing, Line
 from sma_sim.model.structures.structure import Coordinate, NamedEffect, Structure
 
@@ -59,7 +59,7 @@ def slider_with(wires: int) -> Structure:
             Parameter('L', 0.1, 'm', (1e-3, 10.0), 'length of each wire at position 0'),
             Parameter('k', 40.0, 'N/m', (0.0, 1e7), 'stiffness of the spring'),
             Parameter('x_0', 0.025, 'm', (-10.0, 10.0), 'extension of the spring at position 0'),
-            Parameter('m', 0.03, 'kg', (1e-6, 1e4), 'moving mass'),
+            Parameter('m', 0.03, 'kg', (1e-6, 1e4), 'moving mass', usual=MASSES),
             Parameter('b', 2.0, 'N s/m', (0.0, 1e6), 'damping'),
             Parameter('F_c', 0.0, 'N', (0.0, 1e4), 'dry friction of the rail'),
             Parameter('v_c', 1e-3, 'm/s', (1e-6, 1.0), 'speed at which it reaches 76 % of F_c'),

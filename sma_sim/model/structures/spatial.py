@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from sma_sim.model.parameters import BEAM_PARAMETERS, PAPER, Parameter
+from sma_sim.model.parameters import BEAM_PARAMETERS, MASSES, PAPER, SIZES, Parameter
 from sma_sim.model.structures.links import Drawing, Line
 from sma_sim.model.structures.structure import Coordinate, Structure
 
@@ -184,8 +184,8 @@ STRUCTURE = Structure(
         *BEAM_PARAMETERS,
         Parameter('nu', 0.4, '-', (-0.9, 0.5), "Poisson's ratio of the beam, for its twist"),
         Parameter('b_twist', 0.02, 'N m s', (0.0, 1e6), 'damping of gamma'),
-        Parameter('r', 5e-3, 'm', (1e-4, 10.0), 'of the bundles from the axis'),
-        Parameter('m_H', 10e-3, 'kg', (1e-6, 1e4), 'mass of the plate, a disc of radius r', source=PAPER),
+        Parameter('r', 5e-3, 'm', (1e-4, 10.0), 'of the bundles from the axis', usual=SIZES),
+        Parameter('m_H', 10e-3, 'kg', (1e-6, 1e4), 'mass of the plate, a disc of radius r', source=PAPER, usual=MASSES),
     ),
     constants=constants,
     drawing=Drawing(drawn_wires, drawn_bodies, origin=lambda p: (p.L, 0.0, 0.0)),
