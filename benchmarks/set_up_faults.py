@@ -30,8 +30,8 @@ from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.estimation.prepared_fit import prepare
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fits
-from sma_sim.evidence.set_up.check import faults_after_fit, faults_before_fits, is_uncertain
-from sma_sim.evidence.set_up.faults import Fault, corrected, with_command
+from sma_sim.evidence.set_up.check import faults_after_fit, faults_before_fits
+from sma_sim.evidence.set_up.faults import Fault, corrected, is_uncertain, with_command
 from sma_sim.model.config import Config
 from sma_sim.words.set_up import phrases
 

@@ -58,9 +58,8 @@ def distance(value: float, low: float, high: float) -> float:
 def likely_unit(parameter: Parameter, value: float) -> tuple[str, float]:
     """The unit in which a value was probably given, with what it is in SI; ('', value) where that is the declared one.
 
-    It is another one if that brings the value to where real robots are, and the value is, in logarithms, nearer to that unit
-    than to the declared one, in which it cannot be meant beyond its bounds. Of several, it is the one by which the value is
-    nearest to the default.
+    It is another one if that brings the value to where real robots are (of several, nearest to the default), and the value is
+    in logarithms nearer to that unit than to the declared one, in which it cannot be meant beyond its bounds.
     """
     (least, most), (low, high) = parameter.bounds, met_in_practice(parameter)
     if low <= value <= high or value in (0.0, parameter.neutral) or not math.isfinite(value):
@@ -69,12 +68,12 @@ def likely_unit(parameter: Parameter, value: float) -> tuple[str, float]:
         return ('deg C', value + ZERO_CELSIUS) if low <= value + ZERO_CELSIUS <= high else ('', value)
     others = [(1, '%', 0.01)] if parameter.unit == '-' and high <= 1.0 else written_otherwise(parameter.unit)
     found = [one for one in others if low <= one[2] * value <= high]
-    away = distance(value, low, high) if least <= value <= most else math.inf
-    if not any(away > 0.5 * abs(math.log(factor)) for _, _, factor in found):
+    if not found:
         return '', value
     wanted = abs(parameter.default) or max(abs(low), abs(high))
     _, name, factor = min(found, key=lambda one: (round(abs(math.log(one[2] * abs(value) / wanted)), 6), one[0]))
-    return name, factor * value
+    is_allowed = least <= value <= most and distance(value, low, high) <= 0.5 * abs(math.log(factor))
+    return ('', value) if is_allowed else (name, factor * value)
 
 
 def unit_hint(parameter: Parameter, value: float) -> str:

@@ -12,14 +12,14 @@ from dataclasses import dataclass, replace
 from numbers import Real
 from typing import NamedTuple
 
-from sma_sim.model.materials import SPECIFIC_HEAT, usual_range
+from sma_sim.model.materials import SPECIFIC_HEAT, usual_cooling, usual_range
 
 PAPER = 'Mandolino, Ferrante and Rizzello, RA-L 2021, section IV'
 RESISTIVITY = 'usual NiTi actuator wires; law: Furst and Seelecke, J. Intell. Mater. Syst. Struct. 23 (2012) 1233'
 ZERO_CELSIUS = 273.15  # [K]
 KELVIN = (150.0, 2000.0)  # [K] of what is near a wire: smaller numbers are degrees Celsius
 DENSITIES = (5e3, 1.1e4)  # [kg/m^3] of shape-memory alloys, from those of titanium and niobium to those with platinum
-COOLING = (4.0, 5e5)  # [W/(m^2 K)] of wires of 1 mm in still air to 25 um in flowing water, see `plausibility.usual_ranges`
+COOLING = usual_cooling(1e-3)[0], usual_cooling(25e-6)[1]  # [W/(m^2 K)] of the thickest and the thinnest wires
 LOADS = (1e6, 1e9)  # [Pa] at which wires transform: less moves nothing, more breaks them
 SIZES, MASSES = (1e-3, 0.1), (1e-3, 0.1)  # [m], [kg] of parts and loads that bundles of thin wires move
 K_B = 1.380649e-23  # Boltzmann constant [J/K], exact by definition of the SI

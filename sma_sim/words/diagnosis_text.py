@@ -13,7 +13,7 @@ from sma_sim.evidence.estimation.uncertainty import AmbientDifference, Interval
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.search.refine import TIE
 from sma_sim.evidence.search.steps import CandidateFit
-from sma_sim.evidence.set_up.check import is_uncertain
+from sma_sim.evidence.set_up.faults import is_uncertain
 from sma_sim.model.effects.scope import law_name
 from sma_sim.model.parameters import Parameter
 from sma_sim.model.shown import joined_words

@@ -5,16 +5,11 @@ import pytest
 from simulated_data import config as module
 
 from sma_sim import FitOptions, Input, Recording, read_config
-from sma_sim.evidence.estimation.free_parameters import choose_free
-from sma_sim.evidence.estimation.plausibility import (
-    implausible_parameters,
-    material_of,
-    usual_ranges,
-    with_usual_limits,
-)
+from sma_sim.evidence.estimation.free_parameters import choose_free, with_usual_limits
+from sma_sim.evidence.estimation.plausibility import implausible_parameters
 from sma_sim.evidence.estimation.residuals import SOFTEST, ZERO_LIMIT, fit_data
 from sma_sim.model.errors import UserError
-from sma_sim.model.materials import MATERIALS
+from sma_sim.model.materials import MATERIALS, material_of, usual_ranges
 from sma_sim.words.fit_remarks import implausible_sentence
 
 WIRE = ('system=wire', 'wire.sigma_T=8e6', 'wire.dsigma=1.6e8', 'wire.sigma_MW0=1e8')
@@ -33,8 +28,9 @@ def found_at(base, values, material=''):
 def test_transformation_temperatures_tell_the_material(T0, name):
     """Without load martensite forms at T0 - 22.5 K, austenite at T0 - 2.5 K: (sigma_MW0 +- dsigma/2)/sigma_T."""
     config = read_config(words=[*WIRE, f'wire.T0={T0}'])
-    assert material_of(config) is MATERIALS[name] and material_of(config, 'actuator') is MATERIALS['actuator']
-    assert material_of(module()) is None
+    p = config.parameters
+    assert material_of(p, 1) is MATERIALS[name] and material_of(p, 1, 'actuator') is MATERIALS['actuator']
+    assert material_of(module().parameters, 2) is None
 
 
 def test_limits_hold_what_is_usual_where_nothing_was_stated():
@@ -42,7 +38,8 @@ def test_limits_hold_what_is_usual_where_nothing_was_stated():
     base = read_config(words=['system=wire', 'wire.r0=1.9e-4'])
     (plain,), (usual,) = (free := choose_free(base, ['wire.lambda'])[0]), with_usual_limits(free, base)
     assert plain.value(plain.low) > 22.0 > usual.value(usual.low) and usual.value(usual.high) > plain.value(plain.high)
-    ends = [abs(usual.coordinate(value)) for value in usual_ranges(material_of(base), base)['wire.lambda']]
+    cooling = usual_ranges(material_of(base.parameters, 1), base.parameters)['wire.lambda']
+    ends = [abs(usual.coordinate(value)) for value in cooling]
     assert max(ends) == pytest.approx(2.0)  # standard deviations, at the farther end
     assert plain.scale < usual.scale
     stated = read_config(words=['system=wire', 'wire.r0=1.9e-4', 'wire.lambda=100'])
@@ -72,7 +69,7 @@ def test_martensite_is_nowhere_usual_where_it_would_be_stiffer_than_any_austenit
 def test_cooling_is_plausible_from_a_bundle_in_still_air_to_flowing_water():
     """lambda = Nu k/d of a wire of 0.2 mm: free convection in air at the least, a flow of water at the most."""
     config = read_config(words=[*WIRE, 'wire.r0=1e-4'])
-    low, high = usual_ranges(MATERIALS['actuator'], config)['wire.lambda']
+    low, high = usual_ranges(MATERIALS['actuator'], config.parameters)['wire.lambda']
     assert (low, high) == pytest.approx((0.15 * 0.026 / 2e-4, 20.0 * 0.61 / 2e-4))
     assert not found_at(config, {'wire.lambda': 3000.0}) and not found_at(config, {'wire.lambda': 60.0})
 

@@ -12,7 +12,7 @@ from test_recordings_in_fits import module_run, problem_of
 from sma_sim import Config, Dataset, Recording, module_input
 from sma_sim.evidence.estimation import calibrate as calibration
 from sma_sim.evidence.estimation import held_out_prediction
-from sma_sim.evidence.estimation.calibrate import FitOptions, StartingPoint
+from sma_sim.evidence.estimation.calibrate import FitOptions, StartingPoint, with_starts
 from sma_sim.evidence.estimation.curve_features import CurveFeatures
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.held_out_prediction import (
@@ -20,7 +20,6 @@ from sma_sim.evidence.estimation.held_out_prediction import (
     RunFit,
     pooled_error,
     predict_runs,
-    with_starts,
 )
 from sma_sim.evidence.estimation.prepared_fit import PreparedFit
 from sma_sim.evidence.estimation.run_subset import MAX_SUBSET_RUNS, from_subset, run_subset, subset_indices, to_subset

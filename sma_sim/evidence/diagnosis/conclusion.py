@@ -30,7 +30,7 @@ from sma_sim.evidence.estimation.free_parameters import declared_parameters, fre
 from sma_sim.evidence.estimation.held_out_prediction import RunFit, point_with, pooled_error, predict_recordings, run_fits
 from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.prepared_fit import PreparedFit
-from sma_sim.evidence.estimation.problem import Problem, cost_at, linearize
+from sma_sim.evidence.estimation.problem import Problem, at_defaults, cost_at, linearize
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference, with_differences
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS
@@ -38,7 +38,6 @@ from sma_sim.evidence.estimation.uncertainty import AmbientDifference, known_amb
 from sma_sim.evidence.model_selection.criteria import CRITERIA, fits_all, unexplained_above
 from sma_sim.evidence.model_selection.differing_recordings import AMBIENT, with_difference
 from sma_sim.evidence.model_selection.refit import refit
-from sma_sim.evidence.model_selection.sketches import at_defaults
 from sma_sim.evidence.search.beam import Book
 from sma_sim.evidence.search.equations import has_terms
 from sma_sim.evidence.search.posterior import EVEN, Posterior

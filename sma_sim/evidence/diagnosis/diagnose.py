@@ -40,8 +40,8 @@ from sma_sim.evidence.search.equations import Proposal, has_terms, proposal_of
 from sma_sim.evidence.search.posterior import Posterior, posterior_of
 from sma_sim.evidence.search.refine import on_run_subset, with_all_runs
 from sma_sim.evidence.search.steps import SelectionStep, path_to, steps_along
-from sma_sim.evidence.set_up.check import faults_after_fit, faults_before_fits, is_uncertain
-from sma_sim.evidence.set_up.faults import Fault, without_faults
+from sma_sim.evidence.set_up.check import faults_after_fit, faults_before_fits
+from sma_sim.evidence.set_up.faults import Fault, is_uncertain, without_faults
 from sma_sim.model.archive import Saved
 from sma_sim.model.argument_checks import checked
 from sma_sim.model.config import Config
@@ -269,12 +269,11 @@ def diagnose(
             kinetics=start.kinetics,
             on_model=request.on_model,
         )
-        tried = start.with_kinetics(start.kinetics[0]).config
-        faults = faults_before_fits(pooled(training, held_out), tried, request.options, context)
+        faults = faults_before_fits(pooled(training, held_out), start.config, request.options, context)
+        uncertain, (training, held_out) = is_uncertain(faults), without_faults(training, held_out, faults)
         if faults:
-            training, held_out = without_faults(training, held_out, faults)
             start = prepare(training, config, request.kinetics)
-        if not is_uncertain(faults):
+        if not uncertain:
             check_data(pooled(training, held_out), config)
         found = search_effects(start, held_out, request, context, faults)
         if training.floor and held_out is not None:

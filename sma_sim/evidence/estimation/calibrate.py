@@ -28,15 +28,14 @@ from sma_sim.evidence.estimation.free_parameters import (
     FreeParameter,
     choose_free,
     declared_parameters,
-    under_nuisance_priors,
-    with_nuisance_names,
+    free_in_dataset,
 )
 from sma_sim.evidence.estimation.heat_balance import shown_by_warming
-from sma_sim.evidence.estimation.held_out_prediction import RunFit, mean_error, run_fits, with_starts
+from sma_sim.evidence.estimation.held_out_prediction import RunFit, mean_error, run_fits
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize
 from sma_sim.evidence.estimation.log_evidence import DECISIVE, kinetics_probabilities, log_evidences
 from sma_sim.evidence.estimation.overdispersion import overdispersion
-from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, implausible_of, with_usual_limits
+from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, implausible_of
 from sma_sim.evidence.estimation.prepared_fit import PreparedFit, check_data, check_kinetics, prepare
 from sma_sim.evidence.estimation.problem import (
     AMBIENT,
@@ -367,9 +366,7 @@ def problem_for(dataset: Dataset, config: Config, options: FitOptions, every: in
     structures = [known_structures()[recording.system] for recording in dataset.recordings]
     if step_limited and all(map(has_tangents, structures)):
         rtol = max(rtol, min(rtol * LOOSER[config.simulated_kinetics], hidden_rtol(dataset)))
-    names = with_nuisance_names(options.names, dataset, config)
-    free = under_nuisance_priors(choose_free(config, names, dataset.channels)[0], dataset)
-    free = with_usual_limits(free, config, options.material)
+    free = free_in_dataset(config, dataset, options.names, options.material)
     runs = tuple(fit_data(recording, dataset.noise_std, every, rtol, step_limited) for recording in dataset.recordings)
     if dataset.floor:
         shares = {name: (floor / dataset.noise_std[name]) ** 2 for name, floor in dataset.floor.items()}
@@ -525,6 +522,13 @@ def final_calibration(dataset: Dataset, fit: FitResult, options: FitOptions, con
 def information_and_reduced(fit: FitResult, data: FitData, run: LinearizedRun) -> tuple[RunInformation, ReducedRun]:
     """What intervals and the estimates of single recordings need of one, linearized at the optimum of a fit."""
     return information_of(data, run, fit.problem.robust), reduced_run(fit.problem, fit.z, data, run)
+
+
+def with_starts(config: Config, fits: tuple[RunFit, ...]) -> Config:
+    """The configuration with the mean start of the runs as initial.x_M_*."""
+    x = np.mean([fit.x_M for fit in fits if fit.x_M] or [()], axis=0)
+    initial = {f'initial.x_M_{i + 1}': float(x[i]) for i in range(len(x))}
+    return config.variant(initial)
 
 
 def calibration_of(fit: FitResult, context: SearchContext) -> Calibration:

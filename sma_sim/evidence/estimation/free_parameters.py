@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from sma_sim.evidence.data.recording import Dataset, is_resistance
 from sma_sim.model.config import Config, fitted_parameters
 from sma_sim.model.errors import UserError
+from sma_sim.model.materials import material_of, usual_ranges
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.parameters import Parameter
 
@@ -17,6 +18,7 @@ MAX_PRIOR_STDS = 0.8  # by which a length or a temperature may differ from nomin
 GIVEN_STDS = 3.0  # the same of a value whose standard deviation was given
 REACH = 2.5  # of the logarithm of a material parameter, by which a fit may move it: a factor of 12
 PLAUSIBLE = math.log(1.5)  # by which a logarithm may differ from the nominal value: robots of one design differ by less
+USUAL_STDS = 2.0  # of a prior as wide as what is usual: of normal values all but a twentieth lie within
 INSTANT_STD = 300.0  # [s] of the prior of an instant: it is anywhere in a recording
 PRIOR_STD = 0.5  # of the prior of a material parameter: weak beside the data, strong enough where data are blind
 # Relative standard deviations of priors where nothing is said of how well a value is known.
@@ -205,6 +207,16 @@ def choose_free(
     return free, tuple(fixed)
 
 
+def free_in_dataset(
+    config: Config, dataset: Dataset, names: tuple[str, ...] | None, material: str = ''
+) -> tuple[FreeParameter, ...]:
+    """The parameters to fit to a dataset, as `choose_free` chooses them: with those of the bench under the priors of its
+    map, and within what is usual of the material (`with_usual_limits`). Raises UserError."""
+    chosen, _ = choose_free(config, with_nuisance_names(names, dataset, config), dataset.channels)
+    chosen = under_nuisance_priors(chosen, dataset)
+    return with_usual_limits(chosen, config, material)
+
+
 def remaining(names: Sequence[str], fixed: Sequence[FixedParameter]) -> list[str]:
     """The names that are not fixed."""
     fixed_names = {parameter.name for parameter in fixed}
@@ -238,3 +250,20 @@ def with_prior_std(parameter: FreeParameter, std: float) -> FreeParameter:
     plain = replace(parameter, scale=scale)
     ends = (plain.coordinate(low) if low > 0.0 or not parameter.log else -BOUND_STDS, plain.coordinate(high))
     return replace(plain, low=max(-BOUND_STDS, ends[0]), high=min(BOUND_STDS, ends[1]))
+
+
+def with_usual_limits(free: Sequence[FreeParameter], config: Config, material: str = '') -> tuple[FreeParameter, ...]:
+    """Free parameters whose limits and priors hold what is usual of such a wire, where a value is but the default of another
+    robot, which says no more of this one: the farther end of what is usual is as improbable as two standard deviations."""
+    known = material_of(config.parameters, config.structure.structure.wires, material)
+    usual = usual_ranges(known, config.parameters) if known else {}
+    defaults = config.structure.structure.default_values
+    found = []
+    for one in free:
+        if one.name in usual and config.parameters[one.name] == defaults[one.name] and one.name not in config.priors:
+            low, high = map(one.coordinate, usual[one.name])
+            wider = max(1.0, -low / USUAL_STDS, high / USUAL_STDS)
+            limits = min(one.low, low) / wider, max(one.high, high) / wider
+            one = replace(one, scale=one.scale * wider, low=limits[0], high=limits[1], plausible=one.plausible / wider)
+        found.append(one)
+    return tuple(found)

@@ -270,10 +270,3 @@ def predict_recordings(
     floor = config.parameters['solver.rtol']
     runs = tuple(fit_data(recording, dataset.noise_std, floor=floor) for recording in dataset.recordings)
     return predict_runs(config, runs, delay, SearchContext(pool, Event()), fitted_error)
-
-
-def with_starts(config: Config, fits: tuple[RunFit, ...]) -> Config:
-    """The configuration with the mean start of the runs as initial.x_M_*."""
-    x = np.mean([fit.x_M for fit in fits if fit.x_M] or [()], axis=0)
-    initial = {f'initial.x_M_{i + 1}': float(x[i]) for i in range(len(x))}
-    return config.variant(initial)

@@ -9,7 +9,7 @@ calls usual of its material is plausible too, and where its transformation begin
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import log, sqrt
 
 import numpy as np
@@ -22,10 +22,9 @@ from sma_sim.evidence.estimation.uncertainty import GAUSS_95, Uncertainty
 from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import FoundEffect
-from sma_sim.model.materials import MATERIALS, SPECIFIC_HEAT, Material, Range
+from sma_sim.model.materials import Range, material_of, usual_ranges
 from sma_sim.model.parameters import Parameter
 
-USUAL_STDS = 2.0  # of a prior as wide as what is usual: of normal values all but a twentieth lie within
 RANGE_TOLERANCE = 0.1  # fraction of a realistic range by which a value may lie beyond it: literature is not sharper
 WHERE_IT_TRANSFORMS = ('wire.T0', 'wire.sigma_MW0')
 STIFFER, SOFTER = 'wire.E_A', 'wire.E_M'  # austenite is the stiffer phase of NiTi
@@ -69,8 +68,8 @@ def implausible_parameters(
     `config` has the fitted values; `material`: of the wires, a name of MATERIALS, '' where nobody has said it.
     """
     declared, found = declared_parameters(config), list[ImplausibleParameter]()
-    known = material_of(config, material)
-    usual = usual_ranges(known, config) if known else {}
+    known = material_of(config.parameters, config.structure.structure.wires, material)
+    usual = usual_ranges(known, config.parameters) if known else {}
     for parameter, at, variance in zip(free, z[: len(free)].tolist(), np.diag(covariance).tolist(), strict=True):
         low, high, reason = plausible_range(parameter, declared[parameter.name])
         words = ''
@@ -192,60 +191,6 @@ def implausible_in(fit: FitResult, context: SearchContext) -> tuple[ImplausibleP
     """The parameters of a fit without intervals that left their plausible range. Raises SimulationError."""
     covariance = approximate_covariance(fit, context)
     return implausible_parameters(fit.config, fit.problem.free, fit.z, covariance, fit.problem.material)
-
-
-# What literature calls usual of wires, by material and surroundings: a wire of another make is not implausible.
-#
-# Transformation temperatures tell the material where nobody has: austenite that is stable without load at room temperature
-# is superelastic; martensite that forms above 100 deg C is a high-temperature alloy (Ma, Karaman and Noebe, Int. Mater. Rev.
-# 55 (2010) 257); what is between is an actuator wire.
-ROOM, HIGH = 298.0, 373.0  # [K]
-# Nusselt numbers of thin horizontal cylinders, free convection in still air at the least, where wires of a bundle share
-# their air, to a flow of water (Morgan, Adv. Heat Transfer 11 (1975) 199); conductivities [W/(m K)] at 300 K.
-STILL_AIR, FLOWING_WATER = 0.15, 20.0
-AIR_CONDUCTIVITY, WATER_CONDUCTIVITY = 0.026, 0.61
-
-
-def material_of(config: Config, given: str = '') -> Material | None:
-    """The material that was `given`, else of a single wire the one that its transformation temperatures tell.
-
-    None of others: their nominal values are those of the robot.
-    """
-    if given:
-        return MATERIALS[given]
-    if config.structure.structure.wires != 1:
-        return None
-    p = config.parameters
-    to_martensite, to_austenite = (
-        p['wire.T0'] - (p['wire.sigma_MW0'] + half * p['wire.dsigma']) / p['wire.sigma_T'] for half in (0.5, -0.5)
-    )
-    if to_martensite > HIGH:
-        return MATERIALS['high-temperature']
-    return MATERIALS['superelastic' if to_austenite < ROOM else 'actuator']
-
-
-def usual_ranges(material: Material, config: Config) -> dict[str, Range]:
-    """The ranges [SI] of a material by parameter, with what does not depend on it; lambda by the diameter of the wire."""
-    diameter = 2.0 * config.parameters['wire.r0']
-    cooling = STILL_AIR * AIR_CONDUCTIVITY / diameter, FLOWING_WATER * WATER_CONDUCTIVITY / diameter
-    return {**material.ranges, 'wire.c_V': SPECIFIC_HEAT, 'wire.lambda': cooling}
-
-
-def with_usual_limits(free: Sequence[FreeParameter], config: Config, material: str = '') -> tuple[FreeParameter, ...]:
-    """Free parameters whose limits and priors hold what is usual of such a wire, where a value is but the default of another
-    robot, which says no more of this one: the farther end of what is usual is as improbable as two standard deviations."""
-    known = material_of(config, material)
-    usual = usual_ranges(known, config) if known else {}
-    defaults = config.structure.structure.default_values
-    found = []
-    for one in free:
-        if one.name in usual and config.parameters[one.name] == defaults[one.name] and one.name not in config.priors:
-            low, high = map(one.coordinate, usual[one.name])
-            wider = max(1.0, -low / USUAL_STDS, high / USUAL_STDS)
-            limits = min(one.low, low) / wider, max(one.high, high) / wider
-            one = replace(one, scale=one.scale * wider, low=limits[0], high=limits[1], plausible=one.plausible / wider)
-        found.append(one)
-    return tuple(found)
 
 
 def implausible_of(fit: FitResult, known: Uncertainty | None) -> tuple[ImplausibleParameter, ...]:

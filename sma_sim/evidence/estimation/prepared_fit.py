@@ -22,7 +22,7 @@ class PreparedFit:
     """Recordings, and the model that fits to them begin with.
 
     `config`: on their leading bench, with the effects that their map declares (parts of every fit under their priors, and
-    findings of none) and with what `curves` show in place of defaults. `kinetics`: those to try.
+    findings of none), with what `curves` show in place of defaults, and with the first of the `kinetics` to try.
     """
 
     dataset: Dataset
@@ -48,7 +48,8 @@ def prepare(dataset: Dataset, config: Config, kinetics: str | None = None, free:
     config, curves = on_leading_bench(config, dataset), curve_features(dataset)
     if free != ():
         config = started_from(curves, with_nuisance_effects(config, dataset), free is None)
-    return PreparedFit(dataset, config, curves, kinetics_to_try(kinetics, config))
+    tried = kinetics_to_try(kinetics, config)
+    return PreparedFit(dataset, config.variant(kinetics=tried[0]), curves, tried)
 
 
 def check_systems(dataset: Dataset, config: Config) -> None:

@@ -476,6 +476,20 @@ def start_point(problem: Problem, guess: Vector | None = None) -> Vector:
     return np.clip(middle if guess is None else guess, low, high)
 
 
+def at_defaults(problem: Problem) -> Vector:
+    """The middle of all priors, with the effects that were added at their defaults: where a fit begins that asks for them.
+
+    Their shapes have several optima; from the model without them the way may lead to a worse one.
+    """
+    added = [one.found.effect for one in problem.config.effects if one.found.effect.name not in problem.nominal_effects]
+    defaults = {f'effects.{effect.name}.{p.name}': p.default for effect in added for p in effect.parameters}
+    z = start_point(problem)
+    for k, free in enumerate(problem.free):
+        if free.name in defaults:
+            z[k] = np.clip(free.coordinate(defaults[free.name]), free.low, free.high)
+    return z
+
+
 @dataclass(frozen=True)
 class NormalEquations:
     """One run's part of the normal equations: cost (half the sum of squares), gradient, Gauss-Newton Hessian.

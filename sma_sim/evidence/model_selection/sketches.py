@@ -25,7 +25,6 @@ from sma_sim.evidence.estimation.problem import (
     near,
     own_derivatives,
     residuals_at,
-    start_point,
 )
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, FROM_PRIORS, SKETCH_DECREASE
@@ -56,20 +55,6 @@ def at_prior_means(base: FitResult) -> FitResult:
     middle = base.z.copy()
     middle[: len(base.problem.free)] = 0.0
     return replace(base, z=middle)
-
-
-def at_defaults(problem: Problem) -> Vector:
-    """The middle of all priors, with the effects that were added at their defaults: where a fit begins that asks for them.
-
-    Their shapes have several optima; from the model without them the way may lead to a worse one.
-    """
-    added = [one.found.effect for one in problem.config.effects if one.found.effect.name not in problem.nominal_effects]
-    defaults = {f'effects.{effect.name}.{p.name}': p.default for effect in added for p in effect.parameters}
-    z = start_point(problem)
-    for k, free in enumerate(problem.free):
-        if free.name in defaults:
-            z[k] = np.clip(free.coordinate(defaults[free.name]), free.low, free.high)
-    return z
 
 
 def sketched(

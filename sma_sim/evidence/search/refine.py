@@ -17,7 +17,13 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.executors import run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.problem import Problem, start_point, values_in_order, with_own_unknowns
+from sma_sim.evidence.estimation.problem import (
+    Problem,
+    at_defaults,
+    start_point,
+    values_in_order,
+    with_own_unknowns,
+)
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
 from sma_sim.evidence.estimation.residuals import FitData
 from sma_sim.evidence.estimation.run_subset import run_subset, to_subset
@@ -25,7 +31,7 @@ from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, FROM_PRIORS, SETTLED, WEAKLY_DAMPED, StopCriteria
 from sma_sim.evidence.model_selection.refit import refit, with_other_kinetics, without_effect
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
-from sma_sim.evidence.model_selection.sketches import at_defaults, at_prior_means, sketched
+from sma_sim.evidence.model_selection.sketches import at_prior_means, sketched
 from sma_sim.evidence.search.components import Component, log_prior_of
 from sma_sim.evidence.search.score import SPARSITY, UNLISTED, Evidence, evidence_of
 from sma_sim.solver.simulate import SimulationError

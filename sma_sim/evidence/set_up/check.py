@@ -47,7 +47,7 @@ from sma_sim.evidence.search import propose
 from sma_sim.evidence.search.components import catalogue_for
 from sma_sim.evidence.search.refine import SKETCHED, WINDOW, Model, extended, model_of
 from sma_sim.evidence.search.score import SPARSITY, UNLISTED, unlisted_evidence
-from sma_sim.evidence.set_up.faults import Fault, corrected, faults_of, log_share, unit_of
+from sma_sim.evidence.set_up.faults import Fault, corrected, faults_of, is_uncertain, log_share, unit_of
 from sma_sim.model.arrays import Mask, Vector
 from sma_sim.model.config import Config
 from sma_sim.solver.inputs import Input, inputs_at
@@ -102,10 +102,11 @@ class Approximation:
 def faults_before_fits(dataset: Dataset, config: Config, options: FitOptions, context: SearchContext) -> tuple[Fault, ...]:
     """What is wrong with recordings, as far as a model at the middle of its priors shows it. Columns first: what they hold
     decides what scatters."""
-    still = motionless(thinned(dataset, config, options), context)
+    as_they_are = thinned(dataset, config, options)
+    still = motionless(as_they_are, context)
     if still is not None:
         return (still,)
-    found = wrong_columns(dataset, config, options, context)
+    found = wrong_columns(as_they_are, dataset, config, options, context)
     if is_uncertain(found) or context.stop.is_set():
         return found
     dataset = corrected(dataset, found)
@@ -169,22 +170,19 @@ def wrong_samples(
     return (*far, *wrong_noise(problem, rows, dataset, is_fitted))
 
 
-def is_uncertain(faults: Sequence[Fault]) -> bool:
-    """Whether something is wrong of which it is not known what."""
-    return any(not fault.corrected for fault in faults)
-
-
-def wrong_columns(dataset: Dataset, config: Config, options: FitOptions, context: SearchContext) -> tuple[Fault, ...]:
+def wrong_columns(
+    as_they_are: Problem, dataset: Dataset, config: Config, options: FitOptions, context: SearchContext
+) -> tuple[Fault, ...]:
     """The faults of signs, columns and units, one after the other; the last one is not `corrected` where others explain it.
+
+    `as_they_are`: the problem of the recordings with whatever is wrong with them.
 
     None of quasi-static tests: what is not known of a specimen before its curves are fitted would pass for a fault.
     """
     if config.structure.structure.is_quasi_static:
         return ()
-    copied = copied_commands(thinned(dataset, config, options), context)
-    steps = list[Step]()
+    copied, steps, problem = copied_commands(as_they_are, context), list[Step](), as_they_are
     while len(steps) < MAX_FAULTS and not context.stop.is_set():
-        problem = thinned(dataset, config, options, [step.fault for step in steps])
         proposals = proposed(problem, start_point(problem), context)
         step = best_step(problem, proposals, context) if proposals else None
         if step is None:
@@ -192,16 +190,20 @@ def wrong_columns(dataset: Dataset, config: Config, options: FitOptions, context
         steps.append(step)
         if not step.fault.corrected or step.leaves_noise:
             break
-    if steps and not steps[-1].leaves_noise and is_robot(thinned(dataset, config, options), steps, context):
+        problem = thinned(dataset, config, options, [step.fault for step in steps])
+    if steps and not steps[-1].leaves_noise and is_robot(as_they_are, steps, context):
         steps.clear()
     while steps and not steps[-1].leaves_noise and may_be_an_effect(steps[-1], context):
         steps.pop()
+    if not (copied or steps):
+        return ()
     found = [step.fault for step in steps]
+    problem = thinned(dataset, config, options, found)
     if copied:
-        unexplained = are_unexplained(thinned(dataset, config, options, found), context)
+        unexplained = are_unexplained(problem, context)
         if still := tuple(fault for fault in copied if unexplained[fault.recordings[0]]):
             return still
-    return told_apart(found, symmetries(thinned(dataset, config, options, found))) if found else ()
+    return told_apart(found, symmetries(problem)) if found else ()
 
 
 def thinned(dataset: Dataset, config: Config, options: FitOptions, faults: Sequence[Fault] = ()) -> Problem:

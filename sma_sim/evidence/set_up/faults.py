@@ -337,6 +337,11 @@ def without_faults(training: Dataset, held_out: Dataset | None, faults: Sequence
     return replace(right, recordings=right.recordings[:count]), others
 
 
+def is_uncertain(faults: Sequence[Fault]) -> bool:
+    """Whether something is wrong of which it is not known what."""
+    return any(not fault.corrected for fault in faults)
+
+
 def noise_factors(dataset: Dataset, fault: Fault) -> dict[str, float]:
     """What becomes of the noise of channels that were converted or exchanged: of which column it was, the samples say.
 
