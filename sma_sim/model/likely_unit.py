@@ -58,8 +58,8 @@ def distance(value: float, low: float, high: float) -> float:
 def likely_unit(parameter: Parameter, value: float) -> tuple[str, float]:
     """The unit in which a value was probably given, with what it is in SI; ('', value) where that is the declared one.
 
-    It is another one if that brings the value to where real robots are (of several, nearest to the default), and the value is
-    in logarithms nearer to that unit than to the declared one, in which it cannot be meant beyond its bounds.
+    It is another one if that brings the value to where real robots are (of several, nearest to the default), and the value
+    is in logarithms nearer to that unit than to the declared one, in which it cannot be meant beyond its bounds.
     """
     (least, most), (low, high) = parameter.bounds, met_in_practice(parameter)
     if low <= value <= high or value in (0.0, parameter.neutral) or not math.isfinite(value):

@@ -232,3 +232,4 @@ def test_a_value_that_is_meant_is_kept_by_all_that_is_made_of_it(tmp_path):
     assert pickle.loads(pickle.dumps(config)) == config
     assert config.on_bench('wire_under_load').parameters['wire.sigma_T'] == 8.0
     assert read_config(recorded={'wire.sigma_T': 8.0}).parameters['wire.sigma_T'] == 8.0
+    assert Config({'wire.lambda': 1.0}).parameters['wire.lambda'] == 1.0  # unusual, and no other unit is more likely
