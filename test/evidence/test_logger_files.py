@@ -84,6 +84,7 @@ READ = {  # content, map, what is said
         'row of units',
     ),
     'serial line of a microcontroller': ('Ready.\nzero: 12\n' + PLAIN, '', '2 lines above'),
+    'one line': ('Ready.\n' + PLAIN, '', '1 line above the numbers is no table'),
     'block of a spreadsheet': ('Test:,bench 3,\nDate:,31.07.2026,\nMass,12,g\n,,\n' + PLAIN, '', '3 lines above'),
     'narrow block': ('Report\nSample,12\nRate,20\nLoad,3\n\n' + PLAIN, '', '4 lines above'),
     'block with semicolons': ('Test;3;\nDate;31.07.2026;\nTime;Power;Way\n' + cells(';', ','), FOREIGN, '2 lines above'),

@@ -87,4 +87,4 @@ def test_no_run_has_more_than_five_lines_of_notes(capsys):
         print_notes(f'remark {k}' for k in range(count))
         lines = capsys.readouterr().err.splitlines()
         assert len(lines) == min(count, 5) and all(line.startswith('note: ') for line in lines)
-        assert count < 6 or lines[-1] == f'note: and {count - 4} more of this kind'
+        assert count < 6 or lines[-1] == f'note: and {count - 4} more notes'

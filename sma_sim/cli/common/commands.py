@@ -60,6 +60,6 @@ def print_notes(notes: Iterable[str]) -> None:
     """Print notes on stderr, a line each, no more than MAX_NOTES lines."""
     every = list(notes)
     more = len(every) - MAX_NOTES + 1
-    kept = every if more <= 1 else [*every[: MAX_NOTES - 1], f'and {more} more of this kind']
+    kept = every if more <= 1 else [*every[: MAX_NOTES - 1], f'and {more} more notes']
     for note in kept:
         print(f'note: {note}', file=sys.stderr)

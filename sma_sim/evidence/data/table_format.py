@@ -88,7 +88,8 @@ class TableFormat:
             found.append('the row of units is no sample')
         if self.above:
             passed = f', among them {self.between}' if self.between else ''
-            found.append(f'{self.above} lines above the numbers are no table{passed}')
+            lines = '1 line above the numbers is' if self.above == 1 else f'{self.above} lines above the numbers are'
+            found.append(f'{lines} no table{passed}')
         if self.has_comments:
             found.append(f'lines that begin with {", ".join(COMMENTS).rstrip()} are comments')
         if self.encoding == WINDOWS:

@@ -78,8 +78,8 @@ def conclusion(path: ModelPath, posterior: Posterior, data: StageData, context: 
     last, together = as_fitted(fit, context), None
     fits = [estimated(earlier, data, context) for _, earlier in before]
     stages = [provisional_stage(data, name, one, context) for (name, _), one in zip(before, fits, strict=True)]
-    stages.append(final_stage(data, kind, last, context))
     known = data.under(last, context)
+    stages.append(final_stage(known, kind, last, context))
     fitted_explained = stages[-1].train <= max(CRITERIA.noise_only, fits_all(data.limit))
     if fitted_explained and stages[-1].held_out > data.limit:
         together = pooled_refit(known, last, stages[-1].predicted, context)
@@ -98,7 +98,7 @@ def conclusion(path: ModelPath, posterior: Posterior, data: StageData, context: 
     if is_worse and not explained:
         context.on_progress('the held-out runs are more probable with fewer components')
         last = as_fitted(path[best][1], context)
-        stages.append(final_stage(data, 'retracted', last, context))
+        stages.append(final_stage(data.under(last, context), 'retracted', last, context))
         return Conclusion('unknown_effect', last, tuple(stages), None)
     if is_worse and together is not None:
         context.on_progress('fitting all runs with fewer components')
@@ -286,13 +286,14 @@ class StageData:
 
     def under(self, fit: FitResult, context: SearchContext) -> StageData:
         """The same with what differs between the recordings in a model; of held-out runs that is what predicts them best."""
-        differences, held_out = fit.problem.differences, self.held_out
+        differences = fit.problem.differences
         if not differences:
             return self
-        held_out = None if held_out is None else with_differences(held_out, differences)
+        training = with_differences(self.training, differences)
+        held_out = self.held_out and with_differences(self.held_out, differences)
         for side in {difference.unpowered_side for difference in differences} - {0}:
-            held_out = None if held_out is None else with_lost_power(held_out, side, fit, context)
-        return replace(self, training=with_differences(self.training, differences), held_out=held_out)
+            held_out = held_out and with_lost_power(held_out, side, fit, context)
+        return replace(self, training=training, held_out=held_out)
 
     def differences(self, fit: FitResult, context: SearchContext) -> tuple[RecordingDifference, ...]:
         """What differs between the recordings in a model, the held-out ones among them."""
@@ -332,9 +333,9 @@ def provisional_stage(data: StageData, kind: StageKind, fit: FitResult, context:
 
 
 def final_stage(data: StageData, kind: StageKind, fit: FitResult, context: SearchContext) -> ModelStage:
-    """A model fitted on all samples, with intervals; `fit` is under the priors of a fit (`as_fitted`)."""
+    """A model fitted on all samples of recordings `under` it, with intervals; `fit` is under the priors of a fit
+    (`as_fitted`)."""
     context.on_progress('the last fit, on all samples')
-    data = data.under(fit, context)
     fit = fit if kind == 'formula' else from_defaults_too(fit, context)
     options = replace(data.options, free=tuple(p.name for p in fit.problem.free))
     found = final_calibration(data.training, fit, options, context)

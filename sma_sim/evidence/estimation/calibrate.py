@@ -537,7 +537,7 @@ def calibration_of(fit: FitResult, context: SearchContext) -> Calibration:
     errors = errors_by_channel(fit.problem, runs)
     reached = limits_reached(fit.problem, fit.z, runs)
     return Calibration(
-        config=fit.config.with_covariance(None),
+        config=fit.config,
         free=fit.problem.free,
         fixed=(),
         values=fit.values,

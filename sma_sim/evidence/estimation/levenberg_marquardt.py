@@ -108,16 +108,16 @@ def minimize(problem: Problem, z: Vector, criteria: StopCriteria, context: Searc
         if secant:
             found = secant_minimum(problem, z, linear, (damping, min_decrease), context)
             z, gained, damping = found.z, cost - found.cost, max(damping / SECANT_DAMPING, SECANT_DAMPING_FLOOR)
-            if gained <= max(min_decrease, criteria.relative_decrease * cost):
-                return FitResult(problem, z, cost - gained, iteration, True)
-            steps = better_steps(problem, model[2], central)
-            continue
-        nearby = near(problem, [part.correction for part in parts])
-        step, gained, damping = damped_step(nearby, z, model, damping, min_decrease, context.pool, linear)
-        z = z + step
-        if gained <= criteria.relative_decrease * cost and (central or damping <= MAX_DAMPING):
-            return FitResult(problem, z, cost - gained, iteration, damping <= MAX_DAMPING)
-        central = central or gained < CENTRAL_BELOW * cost
+            converged = True
+            ended = gained <= max(min_decrease, criteria.relative_decrease * cost)
+        else:
+            nearby = near(problem, [part.correction for part in parts])
+            step, gained, damping = damped_step(nearby, z, model, damping, min_decrease, context.pool, linear)
+            z, converged = z + step, damping <= MAX_DAMPING
+            ended = gained <= criteria.relative_decrease * cost and (central or converged)
+            central = central or gained < CENTRAL_BELOW * cost
+        if ended:
+            return FitResult(problem, z, cost - gained, iteration, converged)
         steps = better_steps(problem, model[2], central)
     return FitResult(problem, z, cost - gained, criteria.max_iterations, False)
 

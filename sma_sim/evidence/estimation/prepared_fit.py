@@ -47,9 +47,10 @@ def prepare(dataset: Dataset, config: Config, kinetics: str | None = None, free:
     """
     config, curves = on_leading_bench(config, dataset), curve_features(dataset)
     if free != ():
-        config = started_from(curves, with_nuisance_effects(config, dataset), free is None)
+        config = with_nuisance_effects(config, dataset)
+        config = started_from(curves, config, free is None)
     tried = kinetics_to_try(kinetics, config)
-    return PreparedFit(dataset, config.variant(kinetics=tried[0]), curves, tried)
+    return PreparedFit(dataset, config.with_covariance(None).variant(kinetics=tried[0]), curves, tried)
 
 
 def check_systems(dataset: Dataset, config: Config) -> None:

@@ -214,11 +214,16 @@ def block_html(block: Block, numbers: count[int]) -> str:
 
 
 def table_html(table: Table) -> str:
-    """A table that scrolls sideways where it is too wide."""
+    """A table whose words wrap, and that scrolls sideways where its numbers are too wide."""
     head = ''.join(f'<th>{html.escape(cell)}</th>' for cell in table.header)
-    rows = ''.join('<tr>' + ''.join(f'<td>{html.escape(cell)}</td>' for cell in row) + '</tr>' for row in table.rows)
+    rows = ''.join('<tr>' + ''.join(map(cell_html, row)) + '</tr>' for row in table.rows)
     caption = f'<caption>{html.escape(table.caption)}</caption>' if table.caption else ''
     return f'<div class="wide"><table>{caption}<thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>'
+
+
+def cell_html(cell: Cell) -> str:
+    """A cell of words or of a number."""
+    return f'<td{" class=words" if cell[:1].isalpha() else ""}>{html.escape(cell)}</td>'
 
 
 def plot_html(plot: Plot, number: int) -> str:
