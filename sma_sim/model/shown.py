@@ -36,6 +36,11 @@ def listed(names: Iterable[str], most: int = MAX_LIST) -> str:
     return (', '.join(given[:most]) or 'none') + more
 
 
+def counted(count: int, noun: str) -> str:
+    """``1 row``, ``2 rows``."""
+    return f'{count} {noun}{"s" * (count != 1)}'
+
+
 def joined_words(words: Sequence[str], link: str = 'and') -> str:
     """`a, b and c`."""
     *first, last = words or ['']

@@ -236,7 +236,7 @@ def test_different_rates(tmp_path):
 def test_gaps_are_counted_and_placed(tmp_path):
     columns = {name: np.delete(column, slice(100, 150)) for name, column in module_columns().items()}
     (recording,) = read_recording(write_recording(tmp_path / 'run.csv', columns), 'module', 298.0)
-    assert any('50 samples missing in 1 gaps, the longest of 1.02 s from 1.98 s on' in note for note in recording.notes)
+    assert any('50 samples missing in 1 gap, the longest of 1.02 s from 1.98 s on' in note for note in recording.notes)
 
 
 def test_columns_that_are_not_used_are_said(tmp_path):
@@ -361,7 +361,7 @@ def test_the_electric_runs_of_a_real_wire():
     assert all(size > 1000 for name, size in sizes.items() if not name.endswith('#1'))
     for recording in dataset.recordings:
         assert recording.source.values[:, 0].max() < 0.045 and recording.source.values[0, 2] == 294.15
-        assert any('repeat the time' in note for note in recording.notes)
+        assert any('the time of the one before' in note for note in recording.notes)
         if recording.source.values[:, 1].any():
             assert not recording.exact_commands
 
@@ -406,7 +406,7 @@ def test_text_of_is_what_the_reader_expects(tmp_path):
     rows.insert(50, [''] * len(header))
     (tmp_path / 'run.csv').write_text(text_of(header, rows))
     (recording,) = read_recording(tmp_path / 'run.csv', 'module', 298.0)
-    assert len(recording.time) == 100 and '1 rows without a time: dropped' in recording.notes
+    assert len(recording.time) == 100 and '1 row without a time: dropped' in recording.notes
 
 
 def test_every_second_row_of_a_file_that_tells_when_commands_change(tmp_path):

@@ -59,11 +59,11 @@ def test_a_coordinate_beyond_its_limit_ends_a_run_with_that_reason(system):
 @pytest.mark.parametrize('status', [STALLED, STEP_UNDERFLOW, RATE_NOT_FINITE])
 def test_a_hysteresis_of_less_than_a_tenth_of_a_megapascal_is_named(status):
     for dsigma, named in ((0.9e5, True), (1.1e5, False)):
-        model = make_model('wire', 'mas', wire__dsigma=dsigma)
+        model = make_model('wire', 'mas', wire__dsigma=f'{dsigma} Pa')
         said = stop_reason(status, model, started(model, (0.02, 0.0, 298.0)))
         assert ('the hysteresis of wire 1 is only 9e+04 Pa high' in said) == named
         assert said.startswith('stalled') == (status == STALLED)
-    hybrid = make_model('wire', wire__dsigma=0.9e5)
+    hybrid = make_model('wire', wire__dsigma='9e4 Pa')
     assert 'hysteresis' not in stop_reason(status, hybrid, started(hybrid, (0.02, 0.0, 298.0)))
 
 

@@ -35,7 +35,7 @@ from sma_sim.evidence.data.sessions import (
 from sma_sim.evidence.data.units import check_unit, slow_sampling
 from sma_sim.model.arrays import Mask, Vector
 from sma_sim.model.errors import UserError
-from sma_sim.model.shown import listed
+from sma_sim.model.shown import counted, listed
 from sma_sim.model.structures.discovery import known_structures
 from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.inputs import Input
@@ -130,7 +130,7 @@ def drop_rows_without_time(file: SourceFile, columns: dict[str, Vector], notes: 
             f'{file.path}, column {file.column_of("time_s")}: expected seconds, got no number; if rows are regular, a map '
             f'says how far apart they are: time_s: {{interval: SECONDS}}'
         )
-    notes.append(f'{int((~known).sum())} rows without a time: dropped')
+    notes.append(f'{counted(int((~known).sum()), "row")} without a time: dropped')
     for name in columns:
         columns[name] = columns[name][known]
 
@@ -238,7 +238,7 @@ def fill_inputs(file: SourceFile, columns: dict[str, Vector], notes: list[str]) 
         if name == 'T_E_K' and unknown:
             columns[name][:unknown], unknown = columns[name][unknown], 0
         if empty > unknown:
-            notes.append(f'{name}: {empty - unknown} rows without a value: {how}')
+            notes.append(f'{name}: {counted(empty - unknown, "row")} without a value: {how}')
         first = max(first, unknown)
     drop_rows_before_input(file, columns, first, notes)
     for name in INPUT_COLUMNS[file.system][1:]:
@@ -304,7 +304,7 @@ def discard_saturated(name: str, time: Vector, values: Vector, notes: list[str])
     wrong = saturated(time, values)
     if wrong.any():
         end = values[int(np.argmax(wrong))]
-        notes.append(f'{name}: its sensor stops at {end:.6g}, {int(wrong.sum())} rows there: taken as missing')
+        notes.append(f'{name}: its sensor stops at {end:.6g}, {counted(int(wrong.sum()), "row")} there: taken as missing')
         values[wrong] = np.nan
 
 
@@ -322,7 +322,7 @@ def drop_rows_before_input(file: SourceFile, columns: dict[str, Vector], first: 
         return
     if first >= len(columns['time_s']) - 1:
         raise UserError(f'{file.path}: expected a command before the last row, got {first} rows without one')
-    notes.append(f'{first} rows before the first command: left out')
+    notes.append(f'{counted(first, "row")} before the first command: left out')
     for name in columns:
         columns[name] = columns[name][first:]
 
@@ -343,7 +343,7 @@ def merge_equal_times(file: SourceFile, columns: dict[str, Vector], notes: list[
         else:
             columns[name] = last_of_groups(values, starts)
     if repeated:
-        notes.append(f'{repeated} samples repeat the time of the one before: dropped')
+        notes.append(f'{counted(repeated, "sample")} repeat{"s" * (repeated == 1)} the time of the one before: dropped')
 
 
 def check_resolution_of_time(file: SourceFile, values: Vector, kept: Vector, starts: NDArray[np.intp]) -> None:
@@ -509,7 +509,8 @@ def gap_notes(time: Vector, channels: Mapping[str, Vector]) -> list[str]:
         key = (missing, len(at), float(steps[longest]), float(times[longest]))
         same.setdefault(key, []).append(name)
     return [
-        f'{", ".join(names)}: {missing} samples missing in {gaps} gaps, the longest of {longest:.3g} s from {start:.6g} s on'
+        f'{", ".join(names)}: {counted(missing, "sample")} missing in {counted(gaps, "gap")}, the longest of '
+        f'{longest:.3g} s from {start:.6g} s on'
         for (missing, gaps, longest, start), names in same.items()
     ]
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sma_sim.model.arrays import Mask, Vector
 from sma_sim.model.errors import UserError
+from sma_sim.model.shown import counted
 
 Rows = NDArray[np.intp] | slice
 # Sampling intervals: a clock that goes back by no more was adjusted; by more, another session begins.
@@ -36,7 +37,7 @@ def ordered_sessions(path: Path, time: Vector, sampled: Mask) -> tuple[list[Rows
     if right.all():
         return split_at_clock_steps(everything, time)
     rows = np.flatnonzero(right)
-    note = f'{len(time) - len(rows)} rows with a time far from that of the rows around them: dropped'
+    note = f'{counted(len(time) - len(rows), "row")} with a time far from that of the rows around them: dropped'
     time, sampled = time[rows], sampled[rows]
     if not (np.diff(time) < 0.0).any():
         return [rows], [note]
@@ -126,7 +127,7 @@ def forward_rows(time: Vector, notes: list[str]) -> NDArray[np.intp]:
     if len(forward) < len(time):
         notes.append(
             f'the clock jumps back by {float((latest - time).max()):.3g} s at the most: '
-            f'{len(time) - len(forward)} rows dropped until it has caught up'
+            f'{counted(len(time) - len(forward), "row")} dropped until it has caught up'
         )
     return forward
 
