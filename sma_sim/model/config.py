@@ -110,7 +110,8 @@ class Config(Comparable):
     ----------
     parameters : mapping of str to float
         Values in SI units by full name, such as ``{'beam.E': 2.2e9}``, also of active effects (``effects.NAME.PARAMETER``).
-        Those that are left out have the defaults of the system.
+        Those that are left out have the defaults of the system. One that looks as if it were in another unit is a text with
+        its unit where it is meant: ``'8 Pa/K'``.
     system : str or Structure
         What the wires pull on: a name such as ``'module'``, or a structure itself, also one of your own.
     kinetics : str
@@ -162,7 +163,7 @@ class Config(Comparable):
 
     def __init__(
         self,
-        parameters: Mapping[str, float] = NOTHING,
+        parameters: Mapping[str, float | str] = NOTHING,
         system: str | Structure | FoundStructure = 'module',
         kinetics: str = AUTO,
         effects: GivenEffects = (),
