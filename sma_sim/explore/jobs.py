@@ -162,7 +162,7 @@ class Job:
         return found
 
     def nuisances(self, config: Config) -> dict[str, Nuisance]:
-        """By run, delay, start and switching instants of a comparison. Raises UserError where there are none."""
+        """By run, its nuisances in a comparison. Raises UserError where there are none."""
         unknown_zero = config.structure.structure.is_quasi_static
         return {
             name: Nuisance(
@@ -170,6 +170,7 @@ class Job:
                 tuple(curves['nuisance.start'].tolist()),
                 tuple(curves['nuisance.switches'].tolist()),
                 unknown_zero,
+                motion=tuple(curves['nuisance.motion'].tolist()) if 'nuisance.motion' in curves else (),
             )
             for name, curves in self.curves().items()
             if 'nuisance.delay' in curves

@@ -18,13 +18,16 @@ from sma_sim.evidence.estimation.problem import (
     Problem,
     linearize,
     residuals_at,
+    start_point,
     with_own_unknowns,
 )
 from sma_sim.evidence.estimation.recording_differences import ZERO_PART, RecordingDifference
+from sma_sim.evidence.estimation.residuals import FitData
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.score_tests import Projection
 from sma_sim.model.arrays import Vector
 from sma_sim.solver.effect_table import channel_scales
+from sma_sim.solver.inputs import Input
 from sma_sim.solver.simulate import SimulationError
 
 AMBIENT = RecordingDifference('the ambient temperature', ambient=True)
@@ -53,11 +56,11 @@ def promises(problem: Problem, z: Vector, context: SearchContext) -> list[Promis
         linear = linearize(problem, z, context.pool)
     except SimulationError:
         return []
-    moving = motion_before(problem, linear)
-    if len(problem.runs) < 2:
-        return [moving] if moving.difference.words not in {one.words for one in problem.differences} else []
-    project = Projection(linear, len(z), problem.tempering)
     known = {difference.words for difference in problem.differences}
+    moving = None if IN_MOTION.words in known else motion_before(problem, context)
+    if len(problem.runs) < 2:
+        return [] if moving is None else [moving]
+    project = Projection(linear, len(z), problem.tempering)
     found = [
         Promise(difference, gain(responses, linear, project))
         for difference, responses in responses_at(problem, z, linear, context)
@@ -88,25 +91,53 @@ def responses_at(
     return found
 
 
-def motion_before(problem: Problem, linear: Sequence[LinearizedRun]) -> Promise:
-    """What it takes away if the recordings begin in motion: what a model at rest leaves of their first samples.
+def motion_before(problem: Problem, context: SearchContext) -> Promise | None:
+    """What it takes away if the recordings begin in motion: how little the model can begin like them at rest, whatever its
+    parameters; None where it cannot be run.
 
-    That is twice the log Bayes factor of the first sample of each channel, about that of the model at rest, with a standard
-    deviation as the channel usually changes by. Beside it stand noise and what is unknown of each recording anyway, as
-    where at rest its wires are within the hysteresis. It is negative where recordings begin at rest.
+    That is twice the log Bayes factor of the first sample of each channel, about that of the model in the middle of its
+    priors, with a standard deviation as the channel usually changes by, in each recording its own. Beside it stand noise and
+    all that is unknown at rest, to first order. It is negative where recordings begin at rest. Where a fit has ended that
+    lacks it, parameters are bent to imitate it.
     """
-    found, shared = 0.0, len(problem.shared)
-    for run, of_run in zip(problem.runs, linear, strict=True):
-        structure = run.on_bench(problem.config).structure.structure
-        sizes = dict(zip(structure.channels, channel_scales(structure), strict=True))
-        channels, first = np.arange(len(run.channels)), np.argmax(run.weight > 0.0, axis=1)
-        own, left = of_run.jacobian[shared:, channels, first], of_run.residuals[channels, first]
-        usual = np.array([sizes.get(name, 0.0) for name in run.channels]) * run.weight[channels, first]
-        at_rest = np.eye(len(channels)) + own.T @ own
-        moving = at_rest + np.diag(usual**2)
-        found += float(left @ (np.linalg.solve(at_rest, left) - np.linalg.solve(moving, left)))
-        found -= float(np.linalg.slogdet(moving)[1] - np.linalg.slogdet(at_rest)[1])
-    return Promise(IN_MOTION, found)
+    begun = replace(problem, runs=tuple(first_samples(run) for run in problem.runs))
+    try:
+        linear = linearize(begun, start_point(begun), context.pool)
+    except SimulationError:
+        return None
+    structure = problem.config.structure.structure
+    sizes = dict(zip(structure.channels, channel_scales(structure), strict=True))
+    left, usual, rows = list[float](), list[float](), list[Vector]()
+    for run, of_run in zip(begun.runs, linear, strict=True):
+        for k, (name, first) in enumerate(zip(run.channels, np.argmax(run.weight > 0.0, axis=1), strict=True)):
+            left.append(float(of_run.residuals[k, first]))
+            usual.append(sizes.get(name, 0.0) * float(run.weight[k, first]))
+            rows.append(np.zeros(len(begun.unknowns)))
+            rows[-1][of_run.indices] = of_run.jacobian[:, k, first]
+    residuals, responses = np.array(left), np.array(rows)
+    at_rest = np.eye(len(residuals)) + responses @ responses.T
+    moving = at_rest + np.diag(np.square(usual))
+    explained = residuals @ (np.linalg.solve(at_rest, residuals) - np.linalg.solve(moving, residuals))
+    return Promise(IN_MOTION, float(explained - np.linalg.slogdet(moving)[1] + np.linalg.slogdet(at_rest)[1]))
+
+
+def first_samples(run: FitData) -> FitData:
+    """A run up to the instant at which each of its channels has been sampled once."""
+    until = int(np.argmax(run.weight > 0.0, axis=1).max()) + 1
+    rows = int(np.searchsorted(run.source.times, run.time[until - 1], side='right')) + 1
+    source = Input(run.source.times[:rows], run.source.values[:rows], run.source.linear, run.source.names)
+    return replace(
+        run,
+        time=run.time[:until],
+        measured=run.measured[:, :until],
+        weight=run.weight[:, :until],
+        source=source,
+        changed=run.changed[:0],
+        interval=run.interval[:0],
+        group=run.group[:0],
+        leeway=None,
+        correction=None,
+    )
 
 
 def gain(responses: Sequence[NDArray[np.float64]], linear: Sequence[LinearizedRun], project: Projection) -> float:

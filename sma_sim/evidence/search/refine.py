@@ -141,9 +141,13 @@ def extended(
     leading = best_by_sketch(parent.fit, components, context, reached, target)
     for group in (leading[:1], leading[1:]):  # the one after the other: what the first has reached tells which are hopeless
         limit = min([target, *(one.reach(one.evidence.overdispersion) for one in first)])
-        jobs = [partial(refit, problem, z, context, criteria_for(one), limit) for one, problem, z in group]
-        for (component, _, _), fit in zip(group, run_in_threads(jobs, context.stop), strict=True):
-            model = model_of((*parent.components, component), [fit], context)
+        jobs = [
+            [partial(refit, problem, at, context, criteria_for(one), limit) for at in starts_of(one, problem, z)]
+            for one, problem, z in group
+        ]
+        fits = iter(run_in_threads([job for of_one in jobs for job in of_one], context.stop))
+        for (component, _, _), of_one in zip(group, jobs, strict=True):
+            model = model_of((*parent.components, component), [next(fits) for _ in of_one], context)
             first += [] if model is None else [model]
     k = min((model.evidence.overdispersion for model in first), default=1.0)
     first.sort(key=lambda model: -model.score(k))
@@ -184,10 +188,7 @@ def restarted(base: FitResult, model: Model, target: float, context: SearchConte
     component = model.components[-1]
     problem, z = component.added_to(at_prior_means(base))
     starts = [(z, WEAKLY_DAMPED)]
-    if component.is_of_beginning:
-        shared = len(problem.shared)  # what a model at rest has led the own unknowns of recordings to means little here
-        starts = [(np.append(z[:shared], start_point(problem)[shared:]), FROM_PRIORS)]
-    elif not component.is_difference:
+    if not component.is_difference:
         defaults = at_defaults(problem)
         starts += [(defaults, ADDED_EFFECT), (defaults, FROM_PRIORS)]
     return run_in_threads([partial(refit, problem, at, context, one, target) for at, one in starts], context.stop)
@@ -196,6 +197,12 @@ def restarted(base: FitResult, model: Model, target: float, context: SearchConte
 def criteria_for(component: Component) -> StopCriteria:
     """How a model with one component more is fitted: beginnings have many unknowns, whose absence has bent all others."""
     return FROM_PRIORS if component.is_of_beginning else ADDED_EFFECT
+
+
+def starts_of(component: Component, problem: Problem, z: Vector) -> list[Vector]:
+    """Where a model with one component more is fitted from first: where it lies; of unknown beginnings also the middle of
+    all priors: without them, parameters are far away."""
+    return [z, start_point(problem)] if component.is_of_beginning else [z]
 
 
 def in_other_kinetics(model: Model, fewer: Model | None, context: SearchContext) -> Model | None:
