@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from sma_sim.evidence.estimation.problem import AMBIENT as ROOM
 from sma_sim.evidence.estimation.problem import (
     AMBIENT_STEP,
+    MOTION,
+    WARMTH,
     LinearizedRun,
     Problem,
     linearize,
@@ -32,6 +34,7 @@ from sma_sim.solver.simulate import SimulationError
 
 AMBIENT = RecordingDifference('the ambient temperature', ambient=True)
 IN_MOTION = RecordingDifference('how warm its wires are when it begins', in_motion=True)
+FIRST_SAMPLES = 10  # of a recording: a robot that cools moves in them, and one at rest is hardly heated yet
 WITHOUT_POWER = 0.75  # part of its squares to which a run must fall without a command to be tried as one that lost it
 
 
@@ -95,35 +98,37 @@ def motion_before(problem: Problem, context: SearchContext) -> Promise | None:
     """What it takes away if the recordings begin in motion: how little the model can begin like them at rest, whatever its
     parameters; None where it cannot be run.
 
-    That is twice the log Bayes factor of the first sample of each channel, about that of the model in the middle of its
-    priors, with a standard deviation as the channel usually changes by, in each recording its own. Beside it stand noise and
-    all that is unknown at rest, to first order. It is negative where recordings begin at rest. Where a fit has ended that
-    lacks it, parameters are bent to imitate it.
+    That is twice the log Bayes factor of their first samples, about those of the model in the middle of its priors, to first
+    order: beside noise and all that is unknown at rest stands what may be left of a motion. Where recordings begin at rest
+    it is negative. Where a fit has ended that lacks it, parameters are bent to imitate it.
     """
     begun = replace(problem, runs=tuple(first_samples(run) for run in problem.runs))
+    middle = start_point(begun)
+    moving, z = with_difference(begun, middle, IN_MOTION)
     try:
-        linear = linearize(begun, start_point(begun), context.pool)
+        pairs = list(zip(linearize(begun, middle, context.pool), linearize(moving, z, context.pool), strict=True))
     except SimulationError:
         return None
-    structure = problem.config.structure.structure
-    sizes = dict(zip(structure.channels, channel_scales(structure), strict=True))
-    left, usual, rows = list[float](), list[float](), list[Vector]()
-    for run, of_run in zip(begun.runs, linear, strict=True):
-        for k, (name, first) in enumerate(zip(run.channels, np.argmax(run.weight > 0.0, axis=1), strict=True)):
-            left.append(float(of_run.residuals[k, first]))
-            usual.append(sizes.get(name, 0.0) * float(run.weight[k, first]))
-            rows.append(np.zeros(len(begun.unknowns)))
-            rows[-1][of_run.indices] = of_run.jacobian[:, k, first]
-    residuals, responses = np.array(left), np.array(rows)
-    at_rest = np.eye(len(residuals)) + responses @ responses.T
-    moving = at_rest + np.diag(np.square(usual))
-    explained = residuals @ (np.linalg.solve(at_rest, residuals) - np.linalg.solve(moving, residuals))
-    return Promise(IN_MOTION, float(explained - np.linalg.slogdet(moving)[1] + np.linalg.slogdet(at_rest)[1]))
+    at_rest, left = responses_of([one for one, _ in pairs], len(middle))
+    with_motion, _ = responses_of([one for _, one in pairs], len(z))
+    new = [k for k, unknown in enumerate(moving.unknowns) if unknown.name in (WARMTH.name, MOTION.name)]
+    rest = np.eye(len(left)) + at_rest @ at_rest.T
+    both = rest + with_motion[:, new] @ with_motion[:, new].T
+    explained = left @ (np.linalg.solve(rest, left) - np.linalg.solve(both, left))
+    return Promise(IN_MOTION, float(explained - np.linalg.slogdet(both)[1] + np.linalg.slogdet(rest)[1]))
+
+
+def responses_of(linear: Sequence[LinearizedRun], unknowns: int) -> tuple[NDArray[np.float64], Vector]:
+    """The derivatives (samples, unknowns) of the residuals of all runs, and these (samples,)."""
+    rows = [np.zeros((run.residuals.size, unknowns)) for run in linear]
+    for row, run in zip(rows, linear, strict=True):
+        row[:, run.indices] = run.jacobian.reshape(len(run.indices), -1).T
+    return np.concatenate(rows), np.concatenate([run.residuals.ravel() for run in linear])
 
 
 def first_samples(run: FitData) -> FitData:
-    """A run up to the instant at which each of its channels has been sampled once."""
-    until = int(np.argmax(run.weight > 0.0, axis=1).max()) + 1
+    """A run up to the instant at which it was sampled so many times that it shows whether it rests, each channel once."""
+    until = max(min(FIRST_SAMPLES, len(run.time)), int(np.argmax(run.weight > 0.0, axis=1).max()) + 1)
     rows = int(np.searchsorted(run.source.times, run.time[until - 1], side='right')) + 1
     source = Input(run.source.times[:rows], run.source.values[:rows], run.source.linear, run.source.names)
     return replace(
