@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.gym.posterior import Posterior
 from sma_sim.model.arrays import Vector
-from sma_sim.model.config import CheckedValues, Config
+from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.parameters import wire_constants
@@ -168,7 +169,7 @@ class Task:
 def with_parameters(config: Config, values: Mapping[str, float]) -> Config:
     """The configuration with some values, those of effects too. Raises UserError."""
     return Config(
-        CheckedValues({**config.parameters, **values}),
+        MappingProxyType({**config.parameters, **values}),
         config.system,
         config.kinetics,
         config.effects,

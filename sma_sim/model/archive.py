@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 
 from sma_sim.model.argument_checks import checked
-from sma_sim.model.config import CheckedValues, Config
 from sma_sim.model.effects.discovery import FoundEffect, found_effect, package_effects, with_scopes
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.errors import UserError
@@ -28,6 +27,7 @@ from sma_sim.model.structures.discovery import FoundStructure, found_structure, 
 from sma_sim.model.structures.structure import Structure
 
 FORMAT, SUFFIX, PACKAGE = 'sma_sim result 1', '.npz', 'sma_sim.'
+CONFIG = 'sma_sim.model.config:Config'  # which says itself what makes it again
 CONTENT = 'content'  # the array that holds the JSON
 MOVED = {  # modules that files name, and where their classes are now
     'sma_sim.evidence.estimation.limits': 'sma_sim.evidence.estimation.calibrate',
@@ -172,8 +172,8 @@ class Writer:
             name = f'array_{len(self.arrays)}'
             self.arrays[name] = value
             return {'array': name}
-        if isinstance(value, Config):
-            return {'config': self.plain(config_fields(value))}
+        if hasattr(value, 'from_saved'):
+            return {'config': self.plain(value.saved())}
         if isinstance(value, FoundEffect | Effect):
             effect = value if isinstance(value, Effect) else value.effect
             shown: dict[str, Any] = {'scope': effect.scope.name, 'parameters': effect.parameters, 'title': effect.title}
@@ -186,14 +186,6 @@ class Writer:
 
 
 COLLECTIONS: Mapping[str, type] = {'tuple': tuple, 'list': list, 'frozenset': frozenset, 'set': set}
-
-
-def config_fields(config: Config) -> dict[str, Any]:
-    """What makes a configuration."""
-    own = config.own_structure
-    given: dict[str, Any] = {'parameters': config.parameters, 'kinetics': config.kinetics, 'settings': config.settings}
-    given |= {'priors': config.priors, 'covariance': config.covariance}
-    return given | {'system': config.system if own is None else own, 'effects': config.effects}
 
 
 def class_name(value: Any) -> str:
@@ -256,11 +248,7 @@ class Reader:
         if 'array' in plain:
             return self._arrays[plain['array']]
         if 'config' in plain:
-            given = self.value(plain['config'])
-            effects, priors, covariance = (given.pop(name, None) for name in ('effects', 'priors', 'covariance'))
-            given['parameters'] = CheckedValues(given['parameters'])
-            made = Config(**given).variant(effects=effects)
-            return (replace(made, priors=priors) if priors else made).with_covariance(covariance)
+            return resolved(CONFIG).from_saved(self.value(plain['config']))
         if 'effect' in plain:
             return self._effect(plain['effect'], self.value(plain['fields']))
         if 'structure' in plain:

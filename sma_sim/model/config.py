@@ -11,6 +11,7 @@ from shlex import quote
 from types import MappingProxyType
 from typing import Any, TypeAlias
 
+from sma_sim.model.archive import pickled
 from sma_sim.model.argument_checks import expect
 from sma_sim.model.comparable import Comparable
 from sma_sim.model.covariance import MATRIX, NAMES, ParameterCovariance, covariance_given
@@ -95,10 +96,6 @@ def settings_of(structure: Structure) -> dict[str, Setting]:
     """The nodes' texts and switches by full name: also the names of a structure's joints, for the live check."""
     names = {name: f'check.name_{name}' for name in structure.coordinate_names}
     return dict(SETTINGS) | {full: joint_name_setting(name) for name, full in names.items()}
-
-
-class CheckedValues(dict[str, float]):
-    """Values by full name that a configuration has, which another one may have unasked whether their units were meant."""
 
 
 @renamed(model='kinetics')
@@ -203,9 +200,20 @@ class Config(Comparable):
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        from sma_sim.model.archive import pickled  # saves configurations as part of results
-
         return pickled(self)
+
+    def saved(self) -> dict[str, Any]:
+        """What `from_saved` makes the same one of."""
+        given: dict[str, Any] = {'parameters': self.parameters, 'kinetics': self.kinetics, 'settings': self.settings}
+        given |= {'priors': self.priors, 'covariance': self.covariance}
+        return given | {'system': self.system if self.own_structure is None else self.own_structure, 'effects': self.effects}
+
+    @classmethod
+    def from_saved(cls, saved: Mapping[str, Any]) -> Config:
+        """The configuration of which `saved` is all."""
+        values, system = MappingProxyType(saved['parameters']), saved['system']
+        made = cls(values, system, saved['kinetics'], settings=saved['settings']).variant(effects=saved['effects'])
+        return (replace(made, priors=saved['priors']) if saved['priors'] else made).with_covariance(saved['covariance'])
 
     def __copy__(self) -> Config:
         return self  # nothing of it changes
@@ -303,7 +311,7 @@ class Config(Comparable):
         inside = {n: min(max(v, declared[n].bounds[0]), declared[n].bounds[1]) for n, v in moved.items()}
         kept |= {n: v for n, v in inside.items() if n in kept}
         effects = tuple(active.with_values(inside) for active in effects)
-        made = Config(CheckedValues(kept), other.family, self.kinetics, effects, settings, own_structure, priors)
+        made = Config(MappingProxyType(kept), other.family, self.kinetics, effects, settings, own_structure, priors)
         return made.variant(moved).with_covariance(known)  # unchecked: derivatives are taken across bounds
 
     def __repr__(self) -> str:
@@ -370,13 +378,16 @@ def as_mapping(argument: str, given: object) -> Mapping[str, Any]:
 
 
 def split_parameters(given: Mapping[str, Any]) -> tuple[dict[str, RawValue], dict[str, RawValue]]:
-    """The parameters of effects, and all others. Raises ConfigError for what is no parameter but an argument of Config."""
-    of_effects, values = dict[str, RawValue](), dict[str, RawValue]()
+    """The parameters of effects, and all others. Raises ConfigError for what is no parameter but an argument of Config.
+
+    Read-only ones are those that another configuration has: whether their units are meant is not asked again.
+    """
+    of_effects, values, known = dict[str, RawValue](), dict[str, RawValue](), isinstance(given, MappingProxyType)
     for name, value in given.items():
         if name in ARGUMENTS:
             raise ConfigError(f'{name} is no parameter ({in_config("parameters")}): give Config({ARGUMENTS[name]}=...)')
         part = of_effects if isinstance(name, str) and name.startswith('effects.') else values
-        part[name] = RawValue(value, in_config('parameters'), recorded=isinstance(given, CheckedValues))
+        part[name] = RawValue(value, in_config('parameters'), recorded=known)
     return of_effects, values
 
 
@@ -591,7 +602,7 @@ def checked(given: Mapping[str, RawValue], objects: Mapping[str, FoundEffect] = 
             known[name] = checked_number(name, entry, declared)
     asked = given.get('effects.active', RawValue([], ''))
     effects = tuple(active_effect(name, found, known, asked) for name in names_in('effects.active', asked))
-    values = CheckedValues((name, known[name]) for name in defaults)
+    values = MappingProxyType({name: known[name] for name in defaults})
     priors = checked_priors(stds, structure, effects)
     made = Config(values, structure.family, kinetics, effects, settings, own if own.files else None, priors)
     return made.with_covariance(together)

@@ -226,10 +226,11 @@ def test_units_beside_si_have_their_factors(unit, wanted):
 
 
 def test_a_value_that_is_meant_is_kept_by_all_that_is_made_of_it(tmp_path):
-    config = Config({'wire.sigma_T': '8 Pa/K'}, 'wire', effects='thermal_expansion:T_ref=25 K')
+    config = Config({'wire.sigma_T': '8 Pa/K'}, 'wire', effects='thermal_expansion:T_ref=25 K', priors={'wire.E_A': 1e9})
     assert config.values['wire.sigma_T'] == 8.0 and config.values['effects.thermal_expansion.T_ref'] == 25.0
     assert read_config(sma_sim.write_config(config, tmp_path / 'robot.yaml')) == config
     assert pickle.loads(pickle.dumps(config)) == config
     assert config.on_bench('wire_under_load').parameters['wire.sigma_T'] == 8.0
+    assert replace(config, effects=()).parameters['wire.sigma_T'] == 8.0
     assert read_config(recorded={'wire.sigma_T': 8.0}).parameters['wire.sigma_T'] == 8.0
     assert Config({'wire.lambda': 1.0}).parameters['wire.lambda'] == 1.0  # unusual, and no other unit is more likely

@@ -11,10 +11,11 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext, supp
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 from sma_sim.evidence.estimation.search_context import Stop
-from sma_sim.model.config import CheckedValues, Config, folders_of
+from sma_sim.model.config import Config, folders_of
 from sma_sim.model.effects.discovery import ActiveEffect, effects_on, find_effects
 from sma_sim.model.structures.discovery import find_structures
 from sma_sim.solver.model import Model
@@ -61,7 +62,7 @@ def unpickled_config(pickled: bytes) -> PickledConfig:
     """
     parameters, (system, model, homes), effects, folders, _ = pickle.loads(pickled)
     own = find_structures([Path(home) for home in homes])[system] if homes else None
-    config = Config(CheckedValues(parameters), system, model, own_structure=own)
+    config = Config(MappingProxyType(parameters), system, model, own_structure=own)
     if effects:
         found, names = find_effects([Path(folder) for folder in folders]), [name for name, _ in effects]
         found = effects_on(found, names, config.structure.structure, parameters)
