@@ -72,14 +72,14 @@ def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:
 
 
 def probabilities(posterior: Posterior) -> dict[str, Any]:
-    """That nothing is missing, that something is which has no name, and of every effect (in a scope) that it is there, in
-    whatever form."""
+    """That nothing is missing, that something is which has no name, of every effect of the models (in a scope) that it is
+    there, in whatever form, and that any other is."""
     effects: dict[str, float] = {}
     for name, p in posterior.effects.items():
         law = law_name(name)
         effects[law] = min(1.0, effects.get(law, 0.0) + p)
     ordered = dict(sorted(effects.items(), key=lambda item: -item[1]))
-    return {'none': posterior.none, 'unlisted': posterior.unlisted, 'effects': ordered}
+    return {'none': posterior.none, 'unlisted': posterior.unlisted, 'effects': ordered, 'other': posterior.other}
 
 
 def models(posterior: Posterior) -> list[dict[str, Any]]:

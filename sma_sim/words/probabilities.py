@@ -1,7 +1,8 @@
 """How probable a diagnosis holds its models, in words: for the terminal, the report and the page of `explore`.
 
 All of it is read from the data of a diagnosis (`sma_sim.words.diagnosis_data.as_data`): its ``system``; ``probabilities``,
-of nothing missing (``none``), of something that is not listed (``unlisted``) and of each of the ``effects`` by name; and
+of nothing missing (``none``), of something that is not listed (``unlisted``), of each of the ``effects`` by name and of
+``other`` ones; and
 ``models``, the most probable first, with their ``effects``, a ``formula`` or none, ``differences`` between recordings,
 ``probability`` and ``error`` over noise.
 """
@@ -22,6 +23,7 @@ from sma_sim.model.structures.discovery import known_structures
 from sma_sim.model.structures.module import STRUCTURE as MODULE
 
 NOTHING, UNLISTED = 'nothing missing', 'something that is not listed'
+OTHER = 'another listed effect, which these data would hardly show'
 CERTAIN, MIN_PERCENT = 0.999, 0.01  # above it no digits, below it a ratio
 LEAST = 1e-9  # a ratio below is not told: no model is known so well
 DIGITS = 2  # of a ratio
@@ -91,6 +93,7 @@ def finding_rows(found: Mapping[str, Any]) -> list[ProbabilityRow]:
     effects = sorted(known['effects'].items(), key=lambda item: -float(item[1]))
     named = [(effect_words(name, system_of(found)), p) for name, p in effects] + [
         (NOTHING, known['none']),
+        *([(OTHER, known['other'])] if known.get('other') else []),
         (UNLISTED, known['unlisted']),
     ]
     return [ProbabilityRow(words, probability_words(p)) for words, p in named]

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from itertools import combinations, permutations
-from math import exp, inf, log, pi, sqrt
+from math import erf, exp, inf, log, pi, sqrt
 from threading import Event
 from types import SimpleNamespace
 
@@ -26,11 +26,11 @@ from sma_sim.evidence.estimation.recording_differences import RecordingDifferenc
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import Probe, candidates_for, with_effect
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult, change_points, explained
-from sma_sim.evidence.search import beam
-from sma_sim.evidence.search.beam import Book, parents
+from sma_sim.evidence.search import beam, refine
+from sma_sim.evidence.search.beam import Book, Extension, parents
 from sma_sim.evidence.search.components import Catalogue, Component, catalogue_for, log_prior_of
-from sma_sim.evidence.search.posterior import posterior_of
-from sma_sim.evidence.search.refine import WINDOW, Model
+from sma_sim.evidence.search.posterior import not_fitted, posterior_of
+from sma_sim.evidence.search.refine import REFITTED, WINDOW, Model
 from sma_sim.evidence.search.score import (
     EVEN_PRECISION,
     SPARSITY,
@@ -383,6 +383,33 @@ def test_weights_and_probabilities_are_those_of_the_scores():
     assert found.none >= by_names[('the zero of U_y',), 'mas'] > 0.0
 
 
+@pytest.mark.parametrize('curvature', [0.0, 1e-3, 4.0, 1e6])
+def test_what_was_not_fitted_has_the_weight_that_a_model_with_it_would_have(curvature):
+    """An effect that the data do not see is as probable as before them; the stronger it would show, the less it is."""
+    book, most = Book(CATALOGUE, True), 3.0
+    book.add([model((), 30.0), model(('gravity',), 34.0)])
+    lines = {'gravity': (0.0, 1e9, most), 'radiation': (0.0, curvature, most)}
+    tested = tuple(ScreeningResult(BY_NAME[name], 0.0, {}, (line,)) for name, line in lines.items())
+    book.extended[frozenset(), 'mas'] = Extension(15.0, frozenset(), tested)
+    found = posterior_of(book)
+    size = sqrt(0.5 * curvature)
+    seen = 0.5 * sqrt(pi) * erf(most * size) / (most * size) if curvature else 1.0
+    expected = exp(CATALOGUE.log_prior(BY_NAME['radiation'])) * seen
+    assert found.other / found.none == pytest.approx(expected, rel=1e-6)
+    assert set(found.effects) == {'gravity'}  # which was fitted, and does not count twice
+    assert found.none + found.effects['gravity'] + found.other == pytest.approx(1.0)
+
+
+def test_what_was_sketched_counts_no_more_than_the_last_one_that_was_fitted():
+    """Score tests promise to first order what sketches have looked at."""
+    book = Book(CATALOGUE, False)
+    last = model(('gravity',), 34.0)
+    book.add([model((), 30.0), last])
+    tested = (ScreeningResult(BY_NAME['radiation'], 60.0, {}, ((-60.0, 60.0, 3.0),)),)
+    book.extended[frozenset(), 'mas'] = Extension(15.0, frozenset({'gravity', 'radiation'}), tested)
+    assert not_fitted(book.ranked(0)[0], book) == {'radiation': last.score(book.overdispersion)}
+
+
 def test_the_order_in_which_models_were_found_decides_nothing():
     """Of two fits of one model the better one stays, whichever came first."""
     expected = posterior(*MODELS)
@@ -543,9 +570,38 @@ def test_what_leaves_nothing_with_the_other_kinetics_is_in_no_wrong_valley(monke
     monkeypatch.setattr(beam, 'restarted', lambda base, best, *_: ended.append((base, best.key[1])) or [])
     monkeypatch.setattr(beam, 'report_model', lambda *_: None)
     context = SimpleNamespace(stop=Event(), on_progress=lambda _: None)
-    (found,) = beam.add_extended(book.ranked(0)[0], [component('gravity')], book, context)
-    assert len(asked) == restarted and found.fit.squares == (90.0 if restarted else 100.0)
+    parent = book.ranked(0)[0]
+    (found,) = beam.add_extended(parent, [component('gravity')], book, context)
+    beam.fit_again(parent, [found], book, context)
+    assert len(asked) == restarted
+    assert book.models[found.key].fit.squares == (90.0 if restarted else 100.0)
     assert ended == ([] if restarted else [(book.models[frozenset(), 'mas'].fit, 'mas')])
+
+
+def test_what_promises_most_is_fitted_though_its_sketch_has_failed(monkeypatch):
+    names = [one.name for one in CATALOGUE.effects][: REFITTED + 3]
+    costs = dict(zip(names, [90.0, *range(10, 10 + len(names))], strict=False))
+    monkeypatch.setattr(
+        refine, 'sketched', lambda base, some, *_: [[FitResult(None, None, costs[one.candidate.name])] for one in some]
+    )
+    found = refine.best_by_sketch(None, [component(name) for name in names], None, 100.0, 100.0)
+    assert [one.name for one, _, _ in found] == [*names[1 : REFITTED + 1], names[0]]
+
+
+def test_what_has_weight_with_other_kinetics_is_fitted_with_those_of_the_best(monkeypatch):
+    """The right equation had been found with the wrong kinetics, and two effects with the right ones were better."""
+    book, asked = Book(CATALOGUE, True), []
+    pair = ('gravity', 'radiation')
+    book.add([model((), 500.0), model((), 500.0, 'hybrid'), model(pair, 4.0), model(('driver_lag',), 20.0, 'hybrid')])
+    book.add([model(('clamp_slip',), 90.0, 'hybrid')])
+
+    def refitted(one, fewer, _):
+        asked.append((set(one.names), fewer.key[1]))
+        return model(tuple(one.names), 3.0)
+
+    monkeypatch.setattr(beam, 'in_other_kinetics', refitted)
+    beam.add_in_kinetics_of_best(book, SimpleNamespace(stop=Event()))
+    assert asked == [({'driver_lag'}, 'mas')] and book.best.key == (frozenset({'driver_lag'}), 'mas')
 
 
 @pytest.mark.parametrize('k', [1.0, 3.0])

@@ -25,7 +25,7 @@ from sma_sim.evidence.model_selection.score_tests import ScreeningResult, screen
 from sma_sim.evidence.model_selection.variants import variants_of
 from sma_sim.evidence.search.beam import search
 from sma_sim.evidence.search.components import catalogue_for
-from sma_sim.evidence.search.refine import WINDOW, extended, model_of
+from sma_sim.evidence.search.refine import WINDOW, better, extended, further_fits, model_of
 from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import Config, suggestion
 from sma_sim.model.effects.ports import CHANNELS
@@ -136,7 +136,8 @@ def fit_with_effects(base: FitResult, effects: Sequence[str], context: SearchCon
             raise UserError(f'--between: {name} twice in one explanation')
         catalogue = catalogue_for(found.fit, context)
         component = catalogue.component(screen_candidate(found.fit, candidates[name], context))
-        found = next(iter(extended(found, [component], context)), None)
+        models = extended(found, [component], context)
+        found = better(models[0], next(iter(further_fits(found, models, context)), None)) if models else None
     if found is None:
         raise SimulationError(f'the model cannot be fitted with {" + ".join(effects)}')
     return found.fit

@@ -38,6 +38,12 @@ class Candidate:
         """Name of the effect."""
         return self.found.effect.name
 
+    def largest(self, probe: Probe) -> float:
+        """How many steps of a probe its parameter is realistic; at least one."""
+        (parameter,) = (one for one in self.found.effect.parameters if one.name == probe.parameter)
+        low, high = parameter.realistic or parameter.bounds
+        return max(1.0, ((high if probe.step > 0.0 else low) - probe.neutral) / probe.step)
+
 
 def candidates_for(config: Config, folders: Iterable[Path] = ()) -> tuple[Candidate, ...]:
     """The effects that may be missing from a configuration, by name; those in `folders` take part.

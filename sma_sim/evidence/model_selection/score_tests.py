@@ -7,7 +7,8 @@ decreases by the largest of -2 a s'r - a^2 s's' over a >= 0.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
@@ -30,6 +31,7 @@ from sma_sim.evidence.estimation.problem import (
 from sma_sim.evidence.model_selection.candidates import Candidate, Probe, at_instants, instants_of, with_effect
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.model.arrays import Matrix, Vector
+from sma_sim.model.effects.scope import EVERY
 from sma_sim.solver.simulate import SimulationError
 
 WEAK = 0.5  # of a step, below which a strength is probed again: a response over it is no longer the slope
@@ -37,11 +39,16 @@ WEAK = 0.5  # of a step, below which a strength is probed again: a response over
 
 @dataclass(frozen=True)
 class ScreeningResult:
-    """What a candidate could explain: `gain` (decrease of the sum of squares) at `values` of its parameters."""
+    """What a candidate could explain: `gain` (decrease of the sum of squares) at `values` of its parameters.
+
+    `lines`: by probe, the slope and the curvature of half the squares along its amount, in steps, and up to which amount it
+    is realistic.
+    """
 
     candidate: Candidate
     gain: float
     values: Mapping[str, float]
+    lines: tuple[tuple[float, float, float], ...] = ()
 
 
 class ScoreTests:
@@ -54,6 +61,7 @@ class ScoreTests:
         self._problem, self._z, self._pool = problem, z, pool
         self._known: dict[int, Vector | None] = {}  # by the id of the probe
         self._probed: list[Candidate] = []  # whose ids no other object gets, as long as they are here
+        self.tested: tuple[ScreeningResult, ...] = ()  # beside the fit, also those that gain nothing
 
     @cached_property
     def linear(self) -> list[LinearizedRun]:
@@ -63,7 +71,8 @@ class ScoreTests:
     def beside(self, candidates: Sequence[Candidate]) -> tuple[ScreeningResult, ...]:
         """The candidates by gain, the largest first; those that the channels cannot see are left out. Raises
         SimulationError."""
-        return ranked(self._problem, self.linear, candidates, self.responses)
+        self.tested = ranked(self._problem, self.linear, candidates, self.responses)
+        return gaining(self.tested)
 
     def in_place(self, rest: Problem, z: Vector, candidates: Sequence[Candidate]) -> tuple[ScreeningResult, ...]:
         """The same beside what an effect less leaves of the fit: the problem `rest`, at its z.
@@ -88,7 +97,7 @@ class ScoreTests:
             others = [one for one in some if one.found.effect.plain_name not in law]
             return {**self.responses(others), **probe_all(rest, z, alike, linear, self._pool)}
 
-        return ranked(rest, linear, candidates, responses)
+        return gaining(ranked(rest, linear, candidates, responses))
 
     def responses(self, candidates: Sequence[Candidate]) -> Mapping[int, Vector]:
         """The changes (N,) of all residuals by the probes of candidates beside the fit, each made once; by the probe's id,
@@ -105,6 +114,11 @@ class ScoreTests:
 def screen(problem: Problem, z: Vector, candidates: Sequence[Candidate], pool: Executor) -> tuple[ScreeningResult, ...]:
     """The candidates beside a fit by gain (`ScoreTests.beside`)."""
     return ScoreTests(problem, z, pool).beside(candidates)
+
+
+def gaining(tested: Sequence[ScreeningResult]) -> tuple[ScreeningResult, ...]:
+    """Those that explain anything."""
+    return tuple(one for one in tested if one.gain > 0.0)
 
 
 def ranked(
@@ -127,25 +141,28 @@ def ranked(
     found = tested(candidates)
     weak = {k: Candidate(one.candidate.found, (family,)) for k, one in enumerate(found) if (family := nearer_probes(one))}
     for k, again in zip(weak, tested(list(weak.values())), strict=True):
-        if again.gain > found[k].gain:
-            found[k] = replace(again, candidate=found[k].candidate)
-    return tuple(sorted((one for one in found if one.gain > 0.0), key=lambda result: -result.gain))
+        lines = (*found[k].lines, *again.lines)
+        best = again if again.gain > found[k].gain else found[k]
+        found[k] = replace(best, candidate=found[k].candidate, lines=lines)
+    return tuple(sorted(found, key=lambda result: -result.gain))
 
 
 def score_test(
     candidate: Candidate, responses: Mapping[int, Vector], project: Projection, residuals: Vector
 ) -> ScreeningResult:
     """What the best family of a candidate's probes could explain; nothing where the channels cannot see it."""
-    best = ScreeningResult(candidate, 0.0, {})
+    best, lines = ScreeningResult(candidate, 0.0, {}), list[tuple[float, float, float]]()
     for family in candidate.families:
         projected = [(probe, project.visible(responses[id(probe)])) for probe in family if id(probe) in responses]
         visible = [(probe, response) for probe, response in projected if response is not None]
+        lines += [(0.0, 0.0, candidate.largest(probe)) for probe, response in projected if response is None]
         if visible:
+            lines += [(float(one @ residuals), float(one @ one), candidate.largest(probe)) for probe, one in visible]
             probes = [probe for probe, _ in visible]
             gain, amounts = explained(probes, np.array([response for _, response in visible]), residuals)
             if gain > best.gain:
                 best = ScreeningResult(candidate, gain, values_at(probes, amounts))
-    return best
+    return replace(best, lines=tuple(lines))
 
 
 def nearer_probes(result: ScreeningResult) -> tuple[Probe, ...]:
@@ -208,21 +225,40 @@ def burst(times: Vector, squares: Vector, count: Vector) -> list[float]:
 def probe_all(
     problem: Problem, z: Vector, candidates: Sequence[Candidate], linear: Sequence[LinearizedRun], pool: Executor
 ) -> dict[int, Vector]:
-    """The change of all residuals by every probe, (N,) by the probe's id; without those that cannot be run."""
+    """The change of all residuals by every probe, (N,) by the probe's id; without those that cannot be run.
+
+    That by an effect in all wires is the sum of those by it in each wire alone, where these are probed too: to first order.
+    """
     config, nearby = problem.fitted(z), near(problem, [run.correction for run in linear])
-    measured = {channel for run in problem.runs for channel in run.channels}
+    measured, sums = {channel for run in problem.runs for channel in run.channels}, in_each_wire(candidates)
     probes = [
         (candidate, probe)
         for candidate in candidates
         for family in candidate.families
         for probe in family
-        if candidate.found.effect.is_seen(probe.parameter, measured)
+        if id(probe) not in sums and candidate.found.effect.is_seen(probe.parameter, measured)
     ]
     values = [{**probe.shape, probe.parameter: probe.neutral + probe.step} for _, probe in probes]
     configs = [with_effect(config, one.found, at) for (one, _), at in zip(probes, values, strict=True)]
     base = [run.residuals for run in linear]
     changes = [change_of(shown, base) for shown in residuals_under(nearby, z, configs, pool)]
-    return {id(probe): change for (_, probe), change in zip(probes, changes, strict=True) if change is not None}
+    found = {id(probe): change for (_, probe), change in zip(probes, changes, strict=True) if change is not None}
+    run = ((whole, parts) for whole, parts in sums.items() if found.keys() >= set(parts))
+    return found | {whole: np.sum([found[part] for part in parts], axis=0) for whole, parts in run}
+
+
+def in_each_wire(candidates: Sequence[Candidate]) -> dict[int, list[int]]:
+    """By the id of each probe of an effect in all wires, those of the same probe in one wire after the other, where all of
+    these are among the candidates."""
+    alike = defaultdict[tuple[int, Hashable], dict[int, list[int]]](dict)
+    for candidate in candidates:
+        effect, scope = candidate.found.effect, candidate.found.effect.scope
+        if not scope.name or (scope.wire != EVERY and not scope.field):
+            for probe in (probe for family in candidate.families for probe in family):
+                same = effect.plain_name, probe.parameter, probe.step, tuple(sorted(probe.shape.items()))
+                alike[effect.structure.wires, same].setdefault(scope.wire, []).append(id(probe))
+    complete = [ids for (wires, _), ids in alike.items() if EVERY in ids and len(ids) == wires + 1]
+    return {whole: [one for one, *_ in ids.values()] for ids in complete for whole in ids.pop(EVERY)}
 
 
 class Projection:

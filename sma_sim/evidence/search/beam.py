@@ -13,7 +13,7 @@ from sma_sim.evidence.estimation.problem import residuals_at
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.nominal_fit import report_model
 from sma_sim.evidence.model_selection.refit import without_effect
-from sma_sim.evidence.model_selection.score_tests import ScoreTests
+from sma_sim.evidence.model_selection.score_tests import ScoreTests, ScreeningResult
 from sma_sim.evidence.search import propose
 from sma_sim.evidence.search.components import Catalogue, Component, catalogue_for
 from sma_sim.evidence.search.refine import (
@@ -45,13 +45,24 @@ FORMS = 3  # of the laws of a model that are fitted
 ROUNDS = 3  # of exchanges, each from where the last has led
 
 
+@dataclass(frozen=True)
+class Extension:
+    """The cost of a model when it was extended, which components were sketched, and the score tests of all effects."""
+
+    cost: float
+    tried: frozenset[str]
+    tested: tuple[ScreeningResult, ...]
+
+
 @dataclass
 class Book:
-    """All models that were fitted, each in its best valley; `kinetics`: whether both are tried."""
+    """All models that were fitted, each in its best valley; `kinetics`: whether both are tried; `extended`: those
+    that were extended."""
 
     catalogue: Catalogue
     kinetics: bool
     models: dict[tuple[frozenset[str], str], Model] = field(default_factory=dict)
+    extended: dict[tuple[frozenset[str], str], Extension] = field(default_factory=dict)
     _tests: tuple[FitResult, ScoreTests] | None = None
 
     def tests_of(self, fit: FitResult, context: SearchContext) -> ScoreTests:
@@ -96,6 +107,15 @@ class Book:
         """The model without the last component of another, with these kinetics; None where there is none."""
         return self.models.get((frozenset(one.name for one in model.components[:-1]), kinetics))
 
+    def beside(self, parent: Model) -> list[Model]:
+        """The models with a component more than one, which is their last, and the same kinetics; the best first."""
+        found = [one for one in self.ranked(len(parent.components) + 1) if parent.names < one.names]
+        return [
+            replace(one, components=tuple(sorted(one.components, key=lambda part: part.name not in parent.names)))
+            for one in found
+            if one.key[1] == parent.key[1]
+        ]
+
     def explains(self, models: Sequence[Model]) -> bool:
         """Whether one of some models leaves nothing, with either of the kinetics."""
         names = {model.names for model in models}
@@ -116,24 +136,33 @@ class Book:
 def search(nominal: Sequence[FitResult], context: SearchContext, equations: bool = True, most: int = MAX_COMPONENTS) -> Book:
     """The models that explain the recordings, from the nominal one with each of the kinetics to try.
 
-    Listed effects and differences between recordings first; then, where these leave something, terms of equations. `most`:
-    components of a model.
+    Listed effects and differences between recordings first; then, where these leave something, terms of equations. A first
+    pass goes on from level to level with what score tests promise, as long as far more is left than another valley could
+    explain; what takes longer (`deepen`) follows where that leaves something. `most`: components of a model.
     """
     book = Book(catalogue_for(nominal[0], context), len(nominal) > 1)
     book.add(model_of((), [fit], context) for fit in nominal)
+    for size in range(1, min(most, EQUATIONS_AFTER) + 1):
+        expand_level(size, book, context, thorough=False)
+        improve_forms(size, book, context)
+        if book.best.evidence.unlisted < IMITATED:
+            break
     for size in range(1, most + 1):
         before = book.best
         expand_level(size, book, context)
         improve(size, book, context)
+        if len(book.best.components) == size > 1 and book.best.leaves_nothing:
+            add_stepped(bare(book), book, context, book.reach())
         if equations and size == EQUATIONS_AFTER and may_be_unlisted(book, size):
             add_equations(bare(book), book, context)
-        if context.stop.is_set() or (size >= EQUATIONS_AFTER and book.best is before):
+        if context.stop.is_set() or (book.best is before and len(book.best.components) < size >= EQUATIONS_AFTER):
             break
         if book.best.leaves_nothing and len(book.best.components) < size:
             break
     best = book.best
     if equations and best.components and best.lacks_unlisted and not any(one.is_formula for one in best.components):
         add_equations(best, book, context)
+    add_in_kinetics_of_best(book, context)
     settle(book, context)
     leave_out_copies(book, context)
     settle(book, context)
@@ -170,17 +199,22 @@ def distance(some: Sequence[Matrix | None], others: Sequence[Matrix | None]) -> 
     return sum(inf if one is None or other is None else float(np.sum((one - other) ** 2)) for one, other in pairs)
 
 
-def expand_level(size: int, book: Book, context: SearchContext) -> None:
+def expand_level(size: int, book: Book, context: SearchContext, thorough: bool = True) -> None:
     """Models of a size: extend those with one component less that have weight, as they do once others were extended, until
     the best of all leaves nothing: what other parents lead to has few nats to win then; exchanges look for it."""
     done = set[tuple[frozenset[str], str]]()
-    while not (context.stop.is_set() or (book.best.leaves_nothing and len(book.best.components) == size)):
+    while not (context.stop.is_set() or (book.best.leaves_nothing and len(book.best.components) >= size)):
         parent = next((one for one in parents(book, size - 1) if one.key not in done), None)
         if parent is None:
             return
         is_other = any(names == parent.names for names, _ in done)
         done.add(parent.key)
-        (expand_in_other_kinetics if is_other else expand)(parent, book, context)
+        if not is_other:
+            expand(parent, book, context)
+            if thorough:
+                deepen(parent, book, context)
+        elif thorough:
+            expand_in_other_kinetics(parent, book, context)
 
 
 def settle(book: Book, context: SearchContext) -> None:
@@ -235,7 +269,10 @@ def add_equations(base: Model, book: Book, context: SearchContext) -> None:
         context.on_progress(f'fitting the terms of an equation at every port {beside}')
         least = EXCHANGE_SHARE * propose.promise_of(replaced, base.fit, context) if in_place else -inf
         proposals = [one for one in propose.terms(base.fit, context, timed) if one.promise >= least]
-        leads += add_extended(base, [one.component for one in proposals], book, context, restarts=lead is None)
+        found = add_extended(base, [one.component for one in proposals], book, context)
+        if lead is None:
+            fit_again(base, found, book, context)
+        leads += found
         before, lead = lead, best_of(leads, book)
         if lead is None or lead.leaves_nothing or (before and lead.names == before.names):
             break
@@ -244,7 +281,7 @@ def add_equations(base: Model, book: Book, context: SearchContext) -> None:
         base = stripped(lead, lead.components[-1:])
     if lead is not None and not lead.leaves_nothing and book.best.lacks_unlisted and not context.stop.is_set():
         second = propose.terms(lead.fit, context, first=lead.components[-1])
-        add_extended(lead, [one.component for one in second], book, context)
+        fit_again(lead, add_extended(lead, [one.component for one in second], book, context), book, context)
     best = book.best
     for component in best.components:
         if component.is_formula:
@@ -267,19 +304,42 @@ def parents(book: Book, size: int) -> list[Model]:
 
 
 def expand(parent: Model, book: Book, context: SearchContext) -> None:
-    """Add to the book what a model may lack one of, fitted; what a score test passes over where that leaves something."""
+    """Add to the book what a model may lack one of, fitted; nothing where that was done and it lies where it lay then."""
+    known = book.extended.get(parent.key)
+    if known is not None and parent.fit.cost > known.cost - WINDOW * book.overdispersion**2:
+        return
     taken = {component.plain_name for component in parent.components}
     context.on_progress(f'what {words(parent)} may lack')
-    proposals = propose.listed(book.tests_of(parent.fit, context), book.catalogue, taken)[:SKETCHED]
+    tests = book.tests_of(parent.fit, context)
+    proposals = propose.listed(tests, book.catalogue, taken)[:SKETCHED]
     more = propose.differing(parent.fit, parent.names, context) if not parent.leaves_nothing else []
     beginning = [one for one in more if one.component.is_of_beginning]  # its promise is of first samples alone
     shared = [one for one in more if not one.component.is_of_beginning][:DIFFERENCES]
     first = [one.component for one in (*proposals, *beginning, *shared)]
+    tried = frozenset(component.name for component in first)
+    book.extended[parent.key] = Extension(parent.fit.cost, tried, tests.tested)
     found = add_extended(parent, first, book, context)
-    if not (parent.components or parent.leaves_nothing or book.explains(found)):
-        tried = {component.name for component in first}
-        others = propose.stepped(book.catalogue, tried, taken, book.catalogue.effects)
-        add_extended(parent, others, book, context, reached=min((one.fit.cost for one in found), default=inf) + WINDOW)
+    if book.explains(found):
+        fit_again(parent, found, book, context)
+
+
+def deepen(parent: Model, book: Book, context: SearchContext) -> None:
+    """Fit models with one component more from further starts, where all leave something, and step to what a score test
+    passes over."""
+    found = book.beside(parent)
+    if not (found and book.explains(found)):
+        fit_again(parent, found, book, context)
+    if not (parent.components or parent.leaves_nothing or book.explains(book.beside(parent))):
+        add_stepped(parent, book, context, min((one.fit.cost for one in found), default=inf) + WINDOW)
+
+
+def add_stepped(parent: Model, book: Book, context: SearchContext, reached: float) -> None:
+    """Add the effects that score tests have passed over, from a finite step away from neutral."""
+    tried = frozenset().union(*(one.tried for (names, _), one in book.extended.items() if names == parent.names))
+    taken = {component.plain_name for component in parent.components}
+    others = propose.stepped(book.catalogue, tried, taken, book.catalogue.effects)
+    found = add_extended(parent, others, book, context, reached)
+    fit_again(parent, found, book, context)
 
 
 def expand_in_other_kinetics(parent: Model, book: Book, context: SearchContext) -> None:
@@ -292,44 +352,45 @@ def expand_in_other_kinetics(parent: Model, book: Book, context: SearchContext) 
         for component in model.components
         if component.name not in parent.names
     }
-    add_extended(parent, list(known.values()), book, context, restarts=False)
+    add_extended(parent, list(known.values()), book, context)
 
 
 def add_extended(
-    parent: Model,
-    components: Sequence[Component],
-    book: Book,
-    context: SearchContext,
-    restarts: bool = True,
-    reached: float = inf,
+    parent: Model, components: Sequence[Component], book: Book, context: SearchContext, reached: float = inf
 ) -> list[Model]:
-    """Add models with one component more, of those whose sketches come below the cost that others have `reached`.
-
-    The best are fitted from further starts (`restarts`) where all leave something, with either of the kinetics. Where the
-    best of all leaves nothing with the other ones it is fitted from them with these: those at hand are wrong, in any valley.
-    """
+    """Add models with one component more, of those whose sketches come below the cost that others have `reached`."""
     if not components or context.stop.is_set():
         return []
     context.on_progress(f'fitting {", ".join(component.name for component in components)}')
-    is_equation = any(one.is_formula for one in components)  # no step on the way to another model, as effects are
-    target = book.reach(None if is_equation else len(parent.components) + 1)
-    first = extended(parent, components, context, False, reached, target)
-    found = book.add(first)
+    found = book.add(extended(parent, components, context, reached, target_of(parent, components, book)))
     try_kinetics(book, context)
-    if restarts and not book.explains(found):
-        before = book.best
-        book.add(further_fits(parent, first, context, reached, target))
-        found = [book.models[model.key] for model in found]
+    for model in found:
+        report_model('candidate', model.fit, context)
+    return found
+
+
+def target_of(parent: Model, components: Sequence[Component], book: Book) -> float:
+    """The cost below which models with one of some components more have weight: beside all where these are terms, which are
+    no step on the way to another model, as effects are."""
+    return book.reach(None if any(one.is_formula for one in components) else len(parent.components) + 1)
+
+
+def fit_again(parent: Model, models: Sequence[Model], book: Book, context: SearchContext) -> None:
+    """Fit the best models with one component more from further starts, where all leave something, with either of the
+    kinetics. Where the best of all leaves nothing with the other ones it is fitted from them with these: those at hand are
+    wrong, in any valley."""
+    if not models or context.stop.is_set():
+        return
+    if not book.explains(models):
+        before, target = book.best, target_of(parent, [one.components[-1] for one in models], book)
+        book.add(further_fits(parent, models, context, target))
         is_deeper = book.best.names == before.names and book.best.fit.cost < before.fit.cost - SAME_VALLEY
         try_kinetics(book, context, again=is_deeper)
-    elif restarts and book.best.key[1] != parent.key[1] and book.best.names in {model.names for model in found}:
+    elif book.best.key[1] != parent.key[1] and book.best.names in {model.names for model in models}:
         best, fewer = book.best, book.with_one_less(book.best, book.best.key[1])
         if fewer is not None:
             limit = best.fit.cost + SAME_VALLEY
             book.add([model_of(best.components, restarted(fewer.fit, best, limit, context), context)])
-    for model in found:
-        report_model('candidate', model.fit, context)
-    return found
 
 
 def try_kinetics(book: Book, context: SearchContext, again: bool = False) -> None:
@@ -340,17 +401,46 @@ def try_kinetics(book: Book, context: SearchContext, again: bool = False) -> Non
         book.add([in_other_kinetics(book.best, book.with_one_less(book.best, other), context)])
 
 
+def add_in_kinetics_of_best(book: Book, context: SearchContext) -> None:
+    """The models that have weight with other kinetics than the best one, with its kinetics: what they add to either may be
+    right, and the kinetics wrong."""
+    tried = set[frozenset[str]]()
+    while not context.stop.is_set():
+        best, k = book.best, book.overdispersion
+        near = (one for one in book.ranked() if one.score(k) >= best.score(k) - WINDOW and one.key[1] != best.key[1])
+        model = next((one for one in near if one.names not in tried and (one.names, best.key[1]) not in book.models), None)
+        if model is None:
+            return
+        tried.add(model.names)
+        book.add([in_other_kinetics(model, book.with_one_less(model, best.key[1]), context)])
+
+
 def improve(size: int, book: Book, context: SearchContext) -> None:
     """Exchange or drop each component of the best model of a level, if it has weight, as long as that leads further."""
     for _ in range(ROUNDS if book.ranked(size) else 0):
-        best, k = book.ranked(size)[0], book.overdispersion
-        if best.score(k) < book.best.score(k) - WINDOW or (best.leaves_nothing and best is not book.best):
+        improve_forms(size, book, context)
+        best = best_with_weight(size, book)
+        if best is None or (best.leaves_nothing and best is not book.best):
             return
         for component in best.components:
             (exchange_difference if component.is_difference else exchange)(best, component, book, context)
-        try_forms(best, book, context)
         if context.stop.is_set() or book.ranked(size)[0] is best:
             return
+
+
+def best_with_weight(size: int, book: Book) -> Model | None:
+    """The best model of a level, if it has weight beside the best of all."""
+    best, k = next(iter(book.ranked(size)), None), book.overdispersion
+    return best if best is not None and best.score(k) >= book.best.score(k) - WINDOW else None
+
+
+def improve_forms(size: int, book: Book, context: SearchContext) -> None:
+    """The best model of a level with the law of one of its effects in another form."""
+    best = best_with_weight(size, book)
+    if best is None or best.leaves_nothing or context.stop.is_set():
+        return
+    for law, form in propose.forms(best, book.catalogue, context)[:FORMS]:
+        add_extended(stripped(best, (law,)), [form], book, context)
 
 
 def exchange(best: Model, component: Component, book: Book, context: SearchContext) -> None:
@@ -372,15 +462,7 @@ def exchange(best: Model, component: Component, book: Book, context: SearchConte
         for one in proposals
         if one.promise >= EXCHANGE_SHARE * own and base.names | {one.component.name} not in near
     ]
-    add_extended(base, chosen[:SKETCHED], book, context, restarts=False)
-
-
-def try_forms(model: Model, book: Book, context: SearchContext) -> None:
-    """Models with the law of one of the effects of a model in another form."""
-    if model.leaves_nothing or context.stop.is_set():
-        return
-    for law, form in propose.forms(model, book.catalogue, context)[:FORMS]:
-        add_extended(stripped(model, (law,)), [form], book, context, restarts=False)
+    add_extended(base, chosen[:SKETCHED], book, context)
 
 
 def exchange_difference(best: Model, component: Component, book: Book, context: SearchContext) -> None:
@@ -392,7 +474,7 @@ def exchange_difference(best: Model, component: Component, book: Book, context: 
     base = without_difference(best, component, book.ranked(0)[0].fit.problem)
     taken = {one.plain_name for one in base.components}
     proposals = propose.listed(book.tests_of(base.fit, context), book.catalogue, taken)
-    add_extended(base, [one.component for one in proposals[:SKETCHED]], book, context, restarts=False)
+    add_extended(base, [one.component for one in proposals[:SKETCHED]], book, context)
 
 
 def words(model: Model) -> str:

@@ -128,12 +128,10 @@ def extended(
     parent: Model,
     components: Sequence[Component],
     context: SearchContext,
-    restarts: bool = True,
     reached: float = inf,
     target: float = inf,
 ) -> list[Model]:
-    """The models with one component more, each fitted: those that sketches rank first, below the cost `reached`; the best
-    (`restarts`) from further starts (`further_fits`).
+    """The models with one component more, each fitted: those that sketches rank first, below the cost `reached`.
 
     Fits that fall too slowly to come down to the cost `target`, or near those before them, are given up.
     """
@@ -150,22 +148,17 @@ def extended(
             model = model_of((*parent.components, component), [next(fits) for _ in of_one], context)
             first += [] if model is None else [model]
     k = min((model.evidence.overdispersion for model in first), default=1.0)
-    first.sort(key=lambda model: -model.score(k))
-    again = further_fits(parent, first, context, reached, target) if restarts else []
-    again += [None] * (len(first) - len(again))
-    return [better(model, other) for model, other in zip(first, again, strict=True)]
+    return sorted(first, key=lambda model: -model.score(k))
 
 
-def further_fits(
-    parent: Model, models: Sequence[Model], context: SearchContext, reached: float = inf, target: float = inf
-) -> list[Model | None]:
+def further_fits(parent: Model, models: Sequence[Model], context: SearchContext, target: float = inf) -> list[Model | None]:
     """The best few of some models with one component more, fitted from the other starts, in their order, until one leaves
     nothing."""
     found, fits = list[Model](), list[Model | None]()
     for model in models[:RESTARTED]:
         if context.stop.is_set() or any(one.leaves_nothing for one in (*found, model)):
             break
-        limit = min([reached, target, model.fit.cost + SAME_VALLEY, *(one.fit.cost + WINDOW for one in found)])
+        limit = min([target, model.fit.cost + SAME_VALLEY, *(one.fit.cost + WINDOW for one in found)])
         fits.append(model_of(model.components, restarted(parent.fit, model, limit, context), context))
         found.append(better(model, fits[-1]))
     return fits
@@ -174,12 +167,14 @@ def further_fits(
 def best_by_sketch(
     base: FitResult, components: Sequence[Component], context: SearchContext, reached: float, target: float
 ) -> list[Start]:
-    """The components whose sketches end lowest, below a cost, each with the problem and the point to start from."""
+    """The components whose sketches end lowest, below a cost, and the first one, which promises most: a sketch may fail
+    where a fit does not. Each with the problem and the point to start from."""
     effects = [(one, one.start) for one in components if isinstance(one.start, ScreeningResult)]
     sketches = sketched(base, [start for _, start in effects], context, min(reached, target), REFITTED)
     pairs = [(one, fits[0]) for (one, _), fits in zip(effects, sketches, strict=True) if fits and fits[0].cost < reached]
-    pairs.sort(key=lambda pair: pair[1].cost - pair[0].log_prior)
-    chosen: list[Start] = [(one, fit.problem, fit.z) for one, fit in pairs[:REFITTED]]
+    ranked = sorted(pairs, key=lambda pair: pair[1].cost - pair[0].log_prior)
+    first = [pair for pair in pairs[:1] if pair in ranked[REFITTED:]]
+    chosen: list[Start] = [(one, fit.problem, fit.z) for one, fit in (*ranked[:REFITTED], *first)]
     return chosen + [(one, *one.added_to(base)) for one in components if one.is_difference]
 
 

@@ -392,7 +392,7 @@ def may_be_an_effect(step: Step, context: SearchContext) -> bool:
     base = step.before.fit
     listed = propose.listed(ScoreTests(base.problem, base.z, context.pool), catalogue_for(base, context), ())[:SKETCHED]
     components = [one.component for one in (*listed, *propose.differing(base, (), context))]
-    rivals = extended(step.before, components, context, restarts=False) if components else []
+    rivals = extended(step.before, components, context) if components else []
     return explain_as_well(rivals, step.after, step.log_prior)
 
 
