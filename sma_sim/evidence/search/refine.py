@@ -173,7 +173,7 @@ def best_by_sketch(
     sketches = sketched(base, [start for _, start in effects], context, min(reached, target), REFITTED)
     pairs = [(one, fits[0]) for (one, _), fits in zip(effects, sketches, strict=True) if fits and fits[0].cost < reached]
     ranked = sorted(pairs, key=lambda pair: pair[1].cost - pair[0].log_prior)
-    first = [pair for pair in pairs[:1] if pair in ranked[REFITTED:]]
+    first = [pair for pair in pairs[:1] if all(pair is not one for one in ranked[:REFITTED])]
     chosen: list[Start] = [(one, fit.problem, fit.z) for one, fit in (*ranked[:REFITTED], *first)]
     return chosen + [(one, *one.added_to(base)) for one in components if one.is_difference]
 
