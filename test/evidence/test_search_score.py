@@ -641,12 +641,16 @@ def test_what_a_model_is_made_of_is_fitted_again_where_that_has_led_far(monkeypa
     assert book.best.names == ({*pair} if again else {*triple}) and book.best.is_settled
 
 
-@pytest.mark.parametrize(('apart', 'is_copy'), [(0.5, True), (3.0, True), (3.4, False), (40.0, False)])
-def test_an_equation_that_predicts_what_a_listed_effect_does_is_no_unlisted_law(monkeypatch, apart, is_copy):
-    """To within a tie, 10 squares over the noise, it is that effect in other words; beyond, the score decides."""
-    gravity, radiation = model(('gravity',), 4.0), model(('radiation',), 40.0)
+@pytest.mark.parametrize(
+    ('apart', 'more', 'is_copy'),
+    [(0.5, (), True), (3.0, (), True), (3.4, (), False), (40.0, (), False), (0.5, ('driver_lag',), False)],
+)
+def test_an_equation_that_predicts_what_a_listed_effect_does_is_no_unlisted_law(monkeypatch, apart, more, is_copy):
+    """To within a tie, 10 squares over the noise, it is that effect in other words; beyond, and where it takes two effects
+    to imitate it, the score decides."""
+    gravity, radiation = model(('gravity', *more), 4.0), model(('radiation',), 40.0)
     term = replace(gravity.components[0], name='proposed', term=SimpleNamespace())
-    equation = replace(gravity, components=(term,))
+    equation = replace(gravity, components=(term,))  # alone
     book, rows = Book(CATALOGUE, False), {id(gravity): 0.0, id(equation): apart, id(radiation): 2.0 * apart}
     models = (gravity, equation, radiation)
     models = tuple(replace(one, fit=SimpleNamespace(**vars(one.fit), z=rows[id(one)])) for one in models)

@@ -173,23 +173,25 @@ def may_be_unlisted(book: Book, size: int) -> bool:
     """Whether something that no list has may be behind the best model of a size: where something is left, where several
     effects explain all, and where one explains so little that another law may do what it does to within the noise."""
     best, k = book.best, book.overdispersion
+    effects = [one for one in best.components if not one.is_difference]
     explained = best.score(k) - book.ranked(0)[0].score(k)
-    return best.lacks_unlisted or len(best.components) == size or (bool(best.components) and explained < IMITATED)
+    return best.lacks_unlisted or len(effects) == size or (bool(effects) and explained < IMITATED)
 
 
 def leave_out_copies(book: Book, context: SearchContext) -> None:
-    """Take equations out of the book that predict what a listed effect does, to within what is called a tie: they are that
-    effect, written as an equation, and tell of nothing that no list has."""
+    """Take equations out of the book that predict what listed effects do, no more of these than components of theirs, to
+    within what is called a tie: they are these, written as an equation, and tell of nothing that no list has. More effects
+    that imitate one law are no other words for it; the score decides."""
     k = book.overdispersion
     near = [model for model in book.ranked() if model.score(k) >= book.best.score(k) - WINDOW]
     equations = [model for model in near if any(one.is_formula for one in model.components)]
     listed = [model for model in near if model.components and not any(one.is_formula for one in model.components)]
     if not (equations and listed) or context.stop.is_set():
         return
-    shown = [residuals_at(model.fit.problem, model.fit.z, context.pool) for model in listed]
+    shown = [(len(one.components), residuals_at(one.fit.problem, one.fit.z, context.pool)) for one in listed]
     for model in equations:
-        own = residuals_at(model.fit.problem, model.fit.z, context.pool)
-        if any(distance(own, other) <= 2.0 * TIE * k**2 for other in shown):
+        own, alike = residuals_at(model.fit.problem, model.fit.z, context.pool), 2.0 * TIE * k**2
+        if any(size <= len(model.components) and distance(own, other) <= alike for size, other in shown):
             book.replace(model, None)
 
 
