@@ -29,6 +29,7 @@ from sma_sim.evidence.estimation.problem import (
     MAX_STEP,
     MIN_STEP,
     SOLVER_ERROR,
+    SWITCH,
     LinearizedRun,
     better_steps,
     cost_of,
@@ -58,6 +59,7 @@ class Curves:
     has_tangents: bool = True
     shared: tuple = ('a', 'b')
     free: tuple = ('a', 'b')
+    unknowns: tuple = (SWITCH,) * 4  # with a prior about 0, as all but the warmth of wires
     config: object = field(default_factory=lambda: SimpleNamespace(parameters={'solver.rtol': 1e-6}))
     edge: float = np.inf  # of b, beyond which nothing can be run
     derivative_bytes: int = 0

@@ -41,7 +41,7 @@ CALIBRATION = SimpleNamespace(
 )
 
 
-POSTERIOR = SimpleNamespace(models=(), weights=(), none=0.0, unlisted=0.0, effects={})
+POSTERIOR = SimpleNamespace(models=(), weights=(), none=0.0, unlisted=0.0, effects={}, other=0.0)
 
 
 def candidate(name, *rivals):

@@ -33,8 +33,8 @@ class Posterior:
     none: float
     unlisted: float
     effects: Mapping[str, float]
-    other: float
     overdispersion: float
+    other: float = 0.0  # of files of older versions
 
     @property
     def best(self) -> Model:
@@ -68,7 +68,7 @@ def posterior_of(book: Book) -> Posterior:
             effects[name] = min(1.0, effects[name] + weight)
     ordered = dict(sorted(effects.items(), key=lambda item: -item[1]))
     fitted = tuple(weights[: len(models)].tolist())
-    return Posterior(tuple(models), fitted, min(1.0, none), min(1.0, unlisted), ordered, other, k)
+    return Posterior(tuple(models), fitted, min(1.0, none), min(1.0, unlisted), ordered, k, other)
 
 
 def not_fitted(model: Model, book: Book) -> dict[str, float]:
