@@ -171,10 +171,10 @@ def commanded(robot: Robot, T_E: float, random: np.random.Generator) -> Input:
 
 
 def answers(posterior: Posterior) -> dict[str, float]:
-    """The probability of every answer, the most probable first; they sum to 1."""
+    """The probability of every answer of the models that were fitted, the most probable first; what was not has the rest."""
     found: dict[str, float] = {}
     for model, weight in zip(posterior.models, posterior.weights, strict=True):
-        names = sorted(one.name for one in model.components if not (one.is_formula or one.is_difference))
+        names = sorted(one.name for one in model.of_robot if not one.is_formula)
         unlisted = 1.0 if any(one.is_formula for one in model.components) else model.unlisted
         for answer, share in ((UNLISTED, unlisted), ('+'.join(names) or NONE, 1.0 - unlisted)):
             found[answer] = found.get(answer, 0.0) + weight * share

@@ -2,9 +2,8 @@
 
 All of it is read from the data of a diagnosis (`sma_sim.words.diagnosis_data.as_data`): its ``system``; ``probabilities``,
 of nothing missing (``none``), of something that is not listed (``unlisted``), of each of the ``effects`` by name and of
-``other`` ones; and
-``models``, the most probable first, with their ``effects``, a ``formula`` or none, ``differences`` between recordings,
-``probability`` and ``error`` over noise.
+``other`` ones; and ``models``, the most probable first, with their ``effects``, a ``formula`` or none, ``differences``
+between recordings, ``probability`` and ``error`` over noise.
 """
 
 from __future__ import annotations

@@ -122,12 +122,12 @@ def test_what_one_run_was_found_to_be_comes_back_as_its_unknowns():
     assert point_with(alone, part[:3], (fit,)) == pytest.approx(part)
     warm = replace(problem, runs=(replace(run, warmth_std=(40.0, 20.0), motion_std=(0.5,)),))
     own = np.array([*part, 0.5, 1.0, -2.0])
-    begun = warm.nuisance(warm.runs[0], own)
-    assert begun == replace(found, motion=(20.0, 20.0, -1.0)) and len(warm.unknowns) == len(own)
+    initial = warm.nuisance(warm.runs[0], own)
+    assert initial == replace(found, motion=(20.0, 20.0, -1.0)) and len(warm.unknowns) == len(own)
     moving = replace(fit, warmth=(20.0, 20.0), motion=(-1.0,))
     assert point_with(warm, part[:3], (moving,)) == pytest.approx(own)
     assert point_with(warm, part[:3], (fit,)) == pytest.approx([*part, 0.0, 0.0, 0.0])  # of a fit at rest
-    assert nuisances_of(found.delay, (moving,))['run1'] == begun
+    assert nuisances_of(found.delay, (moving,))['run1'] == initial
     again = nuisances_of(found.delay, (fit, replace(fit, name='still', quasi_static=True)))
     assert again['run1'] == found
     assert again['still'] == replace(found, delay=0.0, unknown_zero=True)

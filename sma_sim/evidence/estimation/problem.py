@@ -173,7 +173,7 @@ def values_in_order(known: Sequence[FreeParameter], values: Vector, asked: Seque
 
 def with_own_unknowns(problem: Problem, z: Vector, other: Problem) -> Vector:
     """The point z of a problem as another one has it, whose runs, the same, have other unknowns of their own: what is new at
-    the middle of its prior."""
+    0."""
     pairs, shared = zip(problem.runs, problem.indices(), other.runs, strict=True), len(problem.shared)
     own = [values_in_order(problem.own(run), z[at[shared:]], other.own(there)) for run, at, there in pairs]
     return np.concatenate([z[:shared], *own])

@@ -125,7 +125,7 @@ def sensitivities_of(task: TangentTask) -> Sensitivities | None:
     for other, moved in task.moved:
         beside = None if other is pickled else other.model(run.bench, looser(run, other.config))
         initial_run, other_source = None, None
-        if run.initial_state is None and (beside is not None or began(moved) != began(nuisance)):
+        if run.initial_state is None and (beside is not None or initial_conditions(moved) != initial_conditions(nuisance)):
             initial_run = started(beside or model, source, moved, work)
         if moved.switches != nuisance.switches:
             other_source = planned_run(run, replace(moved, delay=nuisance.delay))[0]
@@ -142,7 +142,7 @@ def sensitivities_of(task: TangentTask) -> Sensitivities | None:
     )
 
 
-def began(nuisance: Nuisance) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def initial_conditions(nuisance: Nuisance) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """What of a nuisance says where a run begins."""
     return nuisance.start, nuisance.motion
 

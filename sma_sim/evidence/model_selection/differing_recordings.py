@@ -47,7 +47,7 @@ class Promise:
 
 
 def with_difference(problem: Problem, z: Vector, difference: RecordingDifference) -> tuple[Problem, Vector]:
-    """The problem whose recordings differ in one thing more, and z with its unknowns at the middle of their priors."""
+    """The problem whose recordings differ in one thing more, and z with its unknowns at 0."""
     runs = tuple(difference.in_run(run) for run in problem.runs)
     differing = replace(problem, runs=runs, differences=(*problem.differences, difference))
     return differing, with_own_unknowns(problem, z, differing)
@@ -102,11 +102,11 @@ def motion_before(problem: Problem, context: SearchContext) -> Promise | None:
     order: beside noise and all that is unknown at rest stands what may be left of a motion. Where recordings begin at rest
     it is negative. Where a fit has ended that lacks it, parameters are bent to imitate it.
     """
-    begun = replace(problem, runs=tuple(first_samples(run) for run in problem.runs))
-    middle = start_point(begun)
-    moving, z = with_difference(begun, middle, IN_MOTION)
+    early = replace(problem, runs=tuple(first_samples(run) for run in problem.runs))
+    middle = start_point(early)
+    moving, z = with_difference(early, middle, IN_MOTION)
     try:
-        pairs = list(zip(linearize(begun, middle, context.pool), linearize(moving, z, context.pool), strict=True))
+        pairs = list(zip(linearize(early, middle, context.pool), linearize(moving, z, context.pool), strict=True))
     except SimulationError:
         return None
     at_rest, left = responses_of([one for one, _ in pairs], len(middle))

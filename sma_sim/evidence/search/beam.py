@@ -151,7 +151,7 @@ def search(nominal: Sequence[FitResult], context: SearchContext, equations: bool
         before = book.best
         expand_level(size, book, context)
         improve(size, book, context)
-        if len(book.best.components) == size > 1 and book.best.leaves_nothing:
+        if len(book.best.of_robot) == size > 1 and book.best.leaves_nothing:
             add_stepped(bare(book), book, context, book.reach())
         if equations and size == EQUATIONS_AFTER and may_be_unlisted(book, size):
             add_equations(bare(book), book, context)
@@ -173,9 +173,8 @@ def may_be_unlisted(book: Book, size: int) -> bool:
     """Whether something that no list has may be behind the best model of a size: where something is left, where several
     effects explain all, and where one explains so little that another law may do what it does to within the noise."""
     best, k = book.best, book.overdispersion
-    effects = [one for one in best.components if not one.is_difference]
     explained = best.score(k) - book.ranked(0)[0].score(k)
-    return best.lacks_unlisted or len(effects) == size or (bool(effects) and explained < IMITATED)
+    return best.lacks_unlisted or len(best.of_robot) == size or (bool(best.of_robot) and explained < IMITATED)
 
 
 def leave_out_copies(book: Book, context: SearchContext) -> None:
@@ -329,7 +328,7 @@ def deepen(parent: Model, book: Book, context: SearchContext) -> None:
     """Fit models with one component more from further starts, where all leave something, and step to what a score test
     passes over."""
     found = book.beside(parent)
-    if not (found and book.explains(found)):
+    if not book.explains(found):
         fit_again(parent, found, book, context)
     if not (parent.components or parent.leaves_nothing or book.explains(book.beside(parent))):
         add_stepped(parent, book, context, min((one.fit.cost for one in found), default=inf) + WINDOW)

@@ -55,11 +55,11 @@ def posterior_of(book: Book) -> Posterior:
     scores = np.array([*(model.score(k) for model in models), *(score for _, _, score in others)])
     weights = np.exp(scores - scores.max())
     weights = weights / weights.sum()
-    effects = {one.name: 0.0 for model in models for one in model.components if not (one.is_formula or one.is_difference)}
+    effects = {one.name: 0.0 for model in models for one in model.of_robot if not one.is_formula}
     none = unlisted = other = 0.0
     every = [*((model, '') for model in models), *((model, name) for model, name, _ in others)]
     for (model, more), weight in zip(every, weights.tolist(), strict=True):
-        found = [one for one in model.components if not one.is_difference]
+        found = model.of_robot
         beside = 1.0 if any(one.is_formula for one in found) else model.unlisted
         unlisted += weight * beside
         none += 0.0 if found or more else weight * (1.0 - beside)

@@ -63,6 +63,11 @@ class Model:
         return frozenset(component.name for component in self.components)
 
     @property
+    def of_robot(self) -> tuple[Component, ...]:
+        """Its components that are of the robot: all but what differs between recordings."""
+        return tuple(component for component in self.components if not component.is_difference)
+
+    @property
     def key(self) -> tuple[frozenset[str], str]:
         """Components and kinetics."""
         return self.names, self.fit.problem.config.simulated_kinetics
