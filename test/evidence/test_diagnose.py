@@ -132,6 +132,7 @@ def test_sketches_that_cannot_come_below_others_are_given_up(with_gravity, monke
         assert min(sketches[0].cost for sketches in found) == least
         few = sketched(base, screened, context, target=0.0)
     assert sum(fit.iterations for fits in few for fit in fits) < sum(fit.iterations for fits in whole for fit in fits)
+    assert [len(fits) for fits in few] == [1] * 4  # no second one where the first has led to nowhere near
 
 
 def test_a_second_look_begins_some_way_from_nothing():

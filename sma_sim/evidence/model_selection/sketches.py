@@ -33,6 +33,8 @@ from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.solver.simulate import SimulationError
 
+SKETCH_EXCESS = 4.0  # times the cost of its fit at which a sketch may end
+
 
 def with_candidate(base: FitResult, screened: ScreeningResult) -> tuple[Problem, Vector]:
     """The problem with one more effect, and where to start: the fit without it and what the screening found."""
@@ -68,18 +70,26 @@ def sketched(
 
     A model that lacks an effect bends its other parameters far from their values; the way back is not always downhill.
     Sketches that fall too slowly to reach the cost `target` are given up, second ones also if they cannot come below the
-    first one of their candidate, or of the candidates that lie lowest, of which so many are `kept`.
+    first one of their candidate, or of the candidates that lie lowest, of which so many are `kept`. Where a first one ends
+    too high for a fit to reach the target (`may_reach`) there is no second one.
     """
     targets = [target] * len(candidates)
     first = sketches_from(base, ADDED_EFFECT.damping, candidates, context, targets)
     costs = [inf if fit is None else fit.cost for fit in first]
     least = sorted(costs)[:kept][-1:] if kept is not None else []
-    targets = [min([target, cost, *least]) for cost in costs]
-    second = sketches_from(at_prior_means(base), FROM_PRIORS.damping, candidates, context, targets)
-    return [
-        sorted((fit for fit in fits if fit is not None), key=lambda fit: fit.cost)
-        for fits in zip(first, second, strict=True)
-    ]
+    again = [k for k, cost in enumerate(costs) if cost == inf or may_reach(cost, target)]
+    targets = [min([target, costs[k], *least]) for k in again]
+    some = [candidates[k] for k in again]
+    second = sketches_from(at_prior_means(base), FROM_PRIORS.damping, some, context, targets) if some else []
+    found = [[fit] if fit is not None else [] for fit in first]
+    for k, fit in zip(again, second, strict=True):
+        found[k] += [] if fit is None else [fit]
+    return [sorted(fits, key=lambda fit: fit.cost) for fits in found]
+
+
+def may_reach(sketch: float, target: float) -> bool:
+    """Whether the fit of a model whose sketch ends at a cost may come down to a `target`."""
+    return sketch <= SKETCH_EXCESS * target
 
 
 def sketches_from(

@@ -14,6 +14,7 @@ from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.nominal_fit import report_model
 from sma_sim.evidence.model_selection.refit import without_effect
 from sma_sim.evidence.model_selection.score_tests import ScoreTests, ScreeningResult
+from sma_sim.evidence.model_selection.sketches import may_reach
 from sma_sim.evidence.search import propose
 from sma_sim.evidence.search.components import Catalogue, Component, catalogue_for
 from sma_sim.evidence.search.refine import (
@@ -27,7 +28,6 @@ from sma_sim.evidence.search.refine import (
     further_fits,
     in_other_kinetics,
     model_of,
-    restarted,
     settled,
     without,
     without_difference,
@@ -38,7 +38,7 @@ from sma_sim.model.config import MODELS
 MAX_COMPONENTS = 3  # of a model: it bounds the time of a search, and recordings of few runs seldom tell more
 PARENTS = 3  # models of a level that are extended
 EQUATIONS_AFTER = 2  # components: what listed effects explain, one or two of them, may be a single law that no list has
-IMITATED = 1000.0  # nats that one effect explains: to leave nothing of more, another law has to be alike to a few per cent
+IMITATED = 1000.0  # nats that an effect explains: to leave nothing of more, another law has to be alike to a few per cent
 EXCHANGE_SHARE = 0.5  # of what that promises which they would replace: to first order neither is exact
 DIFFERENCES = 2  # between recordings that are fitted beside a model, without a sketch: their promises are nearly exact
 FORMS = 3  # of the laws of a model that are fitted
@@ -151,9 +151,9 @@ def search(nominal: Sequence[FitResult], context: SearchContext, equations: bool
         before = book.best
         expand_level(size, book, context)
         improve(size, book, context)
-        if len(book.best.of_robot) == size > 1 and book.best.leaves_nothing:
+        if len(book.best.of_robot) == size > 1 and book.best.leaves_nothing and may_be_imitated(book.best, book):
             add_stepped(bare(book), book, context, book.reach())
-        if equations and size == EQUATIONS_AFTER and may_be_unlisted(book, size):
+        if equations and size == EQUATIONS_AFTER and may_be_unlisted(book):
             add_equations(bare(book), book, context)
         if context.stop.is_set() or (book.best is before and len(book.best.components) < size >= EQUATIONS_AFTER):
             break
@@ -169,12 +169,17 @@ def search(nominal: Sequence[FitResult], context: SearchContext, equations: bool
     return book
 
 
-def may_be_unlisted(book: Book, size: int) -> bool:
-    """Whether something that no list has may be behind the best model of a size: where something is left, where several
-    effects explain all, and where one explains so little that another law may do what it does to within the noise."""
-    best, k = book.best, book.overdispersion
-    explained = best.score(k) - book.ranked(0)[0].score(k)
-    return best.lacks_unlisted or len(best.of_robot) == size or (bool(best.of_robot) and explained < IMITATED)
+def may_be_unlisted(book: Book) -> bool:
+    """Whether something that no list has may be behind the best model: where something is left, and where
+    its effects may imitate another law."""
+    return book.best.lacks_unlisted or may_be_imitated(book.best, book)
+
+
+def may_be_imitated(model: Model, book: Book) -> bool:
+    """Whether another law may do to within the noise what some effects of a model do together: where one of these explains
+    so little beside the others that it may only mend where they differ from that law. None of nothing."""
+    k, rest = book.overdispersion, [book.find(model.names - {one.name}) for one in model.of_robot]
+    return any(one is None or model.score(k) - one.score(k) < IMITATED for one in rest)
 
 
 def leave_out_copies(book: Book, context: SearchContext) -> None:
@@ -314,12 +319,14 @@ def expand(parent: Model, book: Book, context: SearchContext) -> None:
     tests = book.tests_of(parent.fit, context)
     proposals = propose.listed(tests, book.catalogue, taken)[:SKETCHED]
     more = propose.differing(parent.fit, parent.names, context) if not parent.leaves_nothing else []
-    beginning = [one for one in more if one.component.is_of_beginning]  # its promise is of first samples alone
+    beginning = [one.component for one in more if one.component.is_of_beginning]  # its promise is of first samples alone
     shared = [one for one in more if not one.component.is_of_beginning][:DIFFERENCES]
-    first = [one.component for one in (*proposals, *beginning, *shared)]
-    tried = frozenset(component.name for component in first)
+    tried = frozenset(one.component.name for one in (*proposals, *more))
     book.extended[parent.key] = Extension(parent.fit.cost, tried, tests.tested)
-    found = add_extended(parent, first, book, context)
+    found = add_extended(parent, [one.component for one in proposals], book, context)
+    reached = book.reach(len(parent.components) + 1)
+    hopeful = [one.component for one in shared if may_reach(parent.fit.cost - one.promise, reached)]
+    found += add_extended(parent, [*beginning, *hopeful], book, context)
     if book.explains(found):
         fit_again(parent, found, book, context)
 
@@ -378,20 +385,13 @@ def target_of(parent: Model, components: Sequence[Component], book: Book) -> flo
 
 def fit_again(parent: Model, models: Sequence[Model], book: Book, context: SearchContext) -> None:
     """Fit the best models with one component more from further starts, where all leave something, with either of the
-    kinetics. Where the best of all leaves nothing with the other ones it is fitted from them with these: those at hand are
-    wrong, in any valley."""
-    if not models or context.stop.is_set():
+    kinetics: where one leaves nothing with the other ones, those at hand are wrong, in any valley."""
+    if not models or context.stop.is_set() or book.explains(models):
         return
-    if not book.explains(models):
-        before, target = book.best, target_of(parent, [one.components[-1] for one in models], book)
-        book.add(further_fits(parent, models, context, target))
-        is_deeper = book.best.names == before.names and book.best.fit.cost < before.fit.cost - SAME_VALLEY
-        try_kinetics(book, context, again=is_deeper)
-    elif book.best.key[1] != parent.key[1] and book.best.names in {model.names for model in models}:
-        best, fewer = book.best, book.with_one_less(book.best, book.best.key[1])
-        if fewer is not None:
-            limit = best.fit.cost + SAME_VALLEY
-            book.add([model_of(best.components, restarted(fewer.fit, best, limit, context), context)])
+    before, target = book.best, target_of(parent, [one.components[-1] for one in models], book)
+    book.add(further_fits(parent, models, context, target))
+    is_deeper = book.best.names == before.names and book.best.fit.cost < before.fit.cost - SAME_VALLEY
+    try_kinetics(book, context, again=is_deeper)
 
 
 def try_kinetics(book: Book, context: SearchContext, again: bool = False) -> None:

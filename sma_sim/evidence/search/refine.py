@@ -31,7 +31,7 @@ from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, FROM_PRIORS, SETTLED, WEAKLY_DAMPED, StopCriteria
 from sma_sim.evidence.model_selection.refit import refit, with_other_kinetics, without_effect
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
-from sma_sim.evidence.model_selection.sketches import at_prior_means, sketched
+from sma_sim.evidence.model_selection.sketches import at_prior_means, may_reach, sketched
 from sma_sim.evidence.search.components import Component, log_prior_of
 from sma_sim.evidence.search.score import SPARSITY, UNLISTED, Evidence, evidence_of
 from sma_sim.solver.simulate import SimulationError
@@ -39,7 +39,7 @@ from sma_sim.solver.simulate import SimulationError
 Vector = NDArray[np.float64]
 SKETCHED, REFITTED, RESTARTED = 12, 5, 3  # proposals that are sketched, refitted, and fitted from further starts
 SAME_VALLEY = 2.0  # costs that differ by less belong to one optimum
-Start = tuple[Component, Problem, Vector]
+Start = tuple[Component, Problem, Vector, float]  # from a point, and the cost that a sketch has led to
 MAX_LOG_ODDS = 700.0  # of which exp is still a number
 WINDOW = 10.0  # nats behind the best beyond which a model has no weight (Occam's window; Madigan and Raftery 1994)
 TIE = 5.0  # nats within which two models are said to be tied: the odds are below 150 to 1
@@ -144,12 +144,13 @@ def extended(
     leading = best_by_sketch(parent.fit, components, context, reached, target)
     for group in (leading[:1], leading[1:]):  # the one after the other: what the first has reached tells which are hopeless
         limit = min([target, *(one.reach(one.evidence.overdispersion) for one in first)])
+        hopeful = [start for start in group if may_reach(start[-1], limit)]
         jobs = [
             [partial(refit, problem, at, context, criteria_for(one), limit) for at in starts_of(one, problem, z)]
-            for one, problem, z in group
+            for one, problem, z, _ in hopeful
         ]
         fits = iter(run_in_threads([job for of_one in jobs for job in of_one], context.stop))
-        for (component, _, _), of_one in zip(group, jobs, strict=True):
+        for (component, *_), of_one in zip(hopeful, jobs, strict=True):
             model = model_of((*parent.components, component), [next(fits) for _ in of_one], context)
             first += [] if model is None else [model]
     k = min((model.evidence.overdispersion for model in first), default=1.0)
@@ -163,6 +164,8 @@ def further_fits(parent: Model, models: Sequence[Model], context: SearchContext,
     for model in models[:RESTARTED]:
         if context.stop.is_set() or any(one.leaves_nothing for one in (*found, model)):
             break
+        if not may_reach(model.fit.cost, target):
+            continue
         limit = min([target, model.fit.cost + SAME_VALLEY, *(one.fit.cost + WINDOW for one in found)])
         fits.append(model_of(model.components, restarted(parent.fit, model, limit, context), context))
         found.append(better(model, fits[-1]))
@@ -179,8 +182,8 @@ def best_by_sketch(
     pairs = [(one, fits[0]) for (one, _), fits in zip(effects, sketches, strict=True) if fits and fits[0].cost < reached]
     ranked = sorted(pairs, key=lambda pair: pair[1].cost - pair[0].log_prior)
     first = [pair for pair in pairs[:1] if all(pair is not one for one in ranked[:REFITTED])]
-    chosen: list[Start] = [(one, fit.problem, fit.z) for one, fit in (*ranked[:REFITTED], *first)]
-    return chosen + [(one, *one.added_to(base)) for one in components if one.is_difference]
+    chosen: list[Start] = [(one, fit.problem, fit.z, fit.cost) for one, fit in (*ranked[:REFITTED], *first)]
+    return chosen + [(one, *one.added_to(base), -inf) for one in components if one.is_difference]
 
 
 def restarted(base: FitResult, model: Model, target: float, context: SearchContext) -> list[FitResult | None]:
