@@ -586,6 +586,21 @@ def test_what_promises_most_is_fitted_though_its_sketch_has_failed(monkeypatch):
     assert [one.name for one, *_ in found] == [*names[1 : REFITTED + 1], names[0]]
 
 
+def test_what_its_sketch_shows_to_be_hopeless_is_not_fitted(monkeypatch):
+    """A sketch may end at a few times the cost of its fit, at no more; further starts are asked the same."""
+    costs, fitted = {'gravity': 20.0, 'radiation': 70.0, 'driver_lag': 900.0}, []
+    starts = [(component(name), name, np.zeros(1), cost) for name, cost in costs.items()]
+    monkeypatch.setattr(refine, 'best_by_sketch', lambda *_: starts)
+    monkeypatch.setattr(refine, 'refit', lambda problem, *_: fitted.append(problem))
+    monkeypatch.setattr(refine, 'model_of', lambda some, fits, _: model(tuple(one.name for one in some), 30.0))
+    parent, context = model((), 500.0), SimpleNamespace(stop=Event())
+    found = refine.extended(parent, [one for one, *_ in starts], context)
+    assert fitted == ['gravity', 'radiation'] and {name for one in found for name in one.names} == {*fitted}
+    monkeypatch.setattr(refine, 'restarted', lambda fit, one, *_: fitted.append(one.names) or [])
+    refine.further_fits(parent, [model(('driver_lag',), 900.0, unlisted=1.0)], context, target=100.0)
+    assert len(fitted) == 2
+
+
 def test_what_has_weight_with_other_kinetics_is_fitted_with_those_of_the_best(monkeypatch):
     """The right equation had been found with the wrong kinetics, and two effects with the right ones were better."""
     book, asked = Book(CATALOGUE, True), []

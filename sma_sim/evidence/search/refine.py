@@ -138,7 +138,8 @@ def extended(
 ) -> list[Model]:
     """The models with one component more, each fitted: those that sketches rank first, below the cost `reached`.
 
-    Fits that fall too slowly to come down to the cost `target`, or near those before them, are given up.
+    Fits that fall too slowly to come down to the cost `target`, or near those before them, are given up; none is made where
+    its sketch ended too far above (`may_reach`).
     """
     first = list[Model]()
     leading = best_by_sketch(parent.fit, components, context, reached, target)
@@ -159,7 +160,7 @@ def extended(
 
 def further_fits(parent: Model, models: Sequence[Model], context: SearchContext, target: float = inf) -> list[Model | None]:
     """The best few of some models with one component more, fitted from the other starts, in their order, until one leaves
-    nothing."""
+    nothing; not those that lie too far above the cost `target` (`may_reach`)."""
     found, fits = list[Model](), list[Model | None]()
     for model in models[:RESTARTED]:
         if context.stop.is_set() or any(one.leaves_nothing for one in (*found, model)):
