@@ -6,10 +6,9 @@ the more probable one is taken (`sma_sim.evidence.estimation.log_evidence`).
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain
@@ -381,9 +380,7 @@ def problem_for(dataset: Dataset, config: Config, options: FitOptions, every: in
 
 def with_leeway(problem: Problem, config: Config) -> Problem:
     """The problem whose commands may be smoothed where they change at every moment, as far as suits a configuration."""
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
-        leeways = list(threads.map(partial(leeway_for, config), problem.runs))
-    return replace(problem, runs=tuple(replace(run, leeway=one) for run, one in zip(problem.runs, leeways, strict=True)))
+    return replace(problem, runs=tuple(replace(run, leeway=leeway_for(config, run)) for run in problem.runs))
 
 
 def full_problem(dataset: Dataset, fit: FitResult, options: FitOptions) -> Problem:
