@@ -321,9 +321,10 @@ def expand(parent: Model, book: Book, context: SearchContext) -> None:
     more = propose.differing(parent.fit, parent.names, context) if not parent.leaves_nothing else []
     beginning = [one.component for one in more if one.component.is_of_beginning]  # its promise is of first samples alone
     shared = [one for one in more if not one.component.is_of_beginning][:DIFFERENCES]
-    tried = frozenset(one.component.name for one in (*proposals, *more))
+    effects = [one.component for one in proposals]
+    tried = frozenset(one.name for one in (*effects, *beginning, *(one.component for one in shared)))
     book.extended[parent.key] = Extension(parent.fit.cost, tried, tests.tested)
-    found = add_extended(parent, [one.component for one in proposals], book, context)
+    found = add_extended(parent, effects, book, context)
     reached = book.reach(len(parent.components) + 1)
     hopeful = [one.component for one in shared if may_reach(parent.fit.cost - one.promise, reached)]
     found += add_extended(parent, [*beginning, *hopeful], book, context)
