@@ -33,9 +33,8 @@ from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.solver.simulate import SimulationError
 
-SKETCH_EXCESS = (
-    16.0  # times the cost of its fit at which a sketch may end: of 119, 117 ended at 1.8 at most, two at 8 and 14
-)
+SKETCH_EXCESS = 16.0
+"""Times the cost of its fit at which a sketch may end: of 119, 117 ended at 1.8 at most, two at 8 and 14."""
 
 
 def with_candidate(base: FitResult, screened: ScreeningResult) -> tuple[Problem, Vector]:
