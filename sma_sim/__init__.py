@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from sma_sim.model.structures.links import Drawing as Drawing
     from sma_sim.model.structures.structure import Coordinate as Coordinate
     from sma_sim.model.structures.structure import Structure as Structure
+    from sma_sim.solver.beginning import Beginning as Beginning
     from sma_sim.solver.inputs import Input as Input
     from sma_sim.solver.inputs import module_input as module_input
     from sma_sim.solver.inputs import wire_input as wire_input
@@ -85,6 +86,7 @@ _EXPORTS = {
     'model.structures.discovery': ('find_structures',),
     'model.structures.links': ('Drawing',),
     'model.structures.structure': ('Coordinate', 'Structure'),
+    'solver.beginning': ('Beginning',),
     'solver.inputs': ('Input', 'module_input', 'wire_input'),
     'solver.model': ('Model',),
     'solver.simulate': ('simulate',),

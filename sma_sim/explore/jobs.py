@@ -24,6 +24,7 @@ from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.files import whole_file
+from sma_sim.solver.beginning import Beginning
 from sma_sim.words.json_values import write_json
 
 JOBS, REQUEST, STATE, EVENTS, LOG, LOCK, STOP = (
@@ -170,7 +171,9 @@ class Job:
                 tuple(curves['nuisance.start'].tolist()),
                 tuple(curves['nuisance.switches'].tolist()),
                 unknown_zero,
-                motion=tuple(curves['nuisance.motion'].tolist()) if 'nuisance.motion' in curves else (),
+                beginning=Beginning.of_parts(
+                    {what.partition('.')[2]: of.tolist() for what, of in curves.items() if what.startswith('beginning.')}
+                ),
             )
             for name, curves in self.curves().items()
             if 'nuisance.delay' in curves

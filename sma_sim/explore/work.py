@@ -262,7 +262,9 @@ def curves_of(comparison: Comparison) -> dict[str, Any]:
         curves |= {f'{run.name}|state.{name}': values for name, values in run.states.items()}
         curves[f'{run.name}|nuisance.delay'] = np.array(run.nuisance.delay)
         curves[f'{run.name}|nuisance.start'] = np.array(run.nuisance.start, float)
-        curves[f'{run.name}|nuisance.motion'] = np.array(run.nuisance.motion, float)
+        curves |= {
+            f'{run.name}|beginning.{kind}': np.array(values, float) for kind, values in run.nuisance.beginning.parts.items()
+        }
         curves[f'{run.name}|nuisance.switches'] = np.array(run.nuisance.switches, float)
     return curves
 

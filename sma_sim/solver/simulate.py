@@ -26,6 +26,7 @@ from sma_sim.model.layout import (
 from sma_sim.model.program_parameters import DEFAULTS
 from sma_sim.model.progress import progress_line
 from sma_sim.model.structures.structure import Structure
+from sma_sim.solver.beginning import AT_REST, Beginning
 from sma_sim.solver.clock import held_until, seen_at
 from sma_sim.solver.columns import are_channels, named_columns, new_samples, sampled_numbers, state_numbers
 from sma_sim.solver.effect_table import own_scratch
@@ -99,21 +100,22 @@ def new_work(model: Model) -> Work:
     )
 
 
-def new_run(model: Model, first_input: Vector, work: Work, parts: Sequence[float] = (), before: Sequence[float] = ()) -> Run:
+def new_run(
+    model: Model, first_input: Vector, work: Work, parts: Sequence[float] = (), beginning: Beginning = AT_REST
+) -> Run:
     """A run at its start: static equilibrium at ambient temperature, modes that admit it.
 
     `parts` (wires,) ask for x_M, in place of initial.x_M_*, as parts of what a resting wire can have: from 0 where
-    sigma = sigma_A to 1 where sigma = sigma_M. `before`: what is left of a motion before: by how much the wires are warmer
-    than the ambient (wires,) [K], where that is no input; by how much the pose differs from the equilibrium of wires that
-    warm (n,); its rates (n,). Raises SimulationError when there is no equilibrium.
+    sigma = sigma_A to 1 where sigma = sigma_M. `beginning`: what is left of a motion before, if anything. Raises
+    SimulationError when there is no equilibrium.
     """
     p = own_scratch(model.compiled)
     y = np.zeros(len(work.weight))
     u = np.array(first_input, dtype=float)
     u[p.drives : -1] = 0.0
     y[p.first_T : p.first_T + p.wires] = u[p.imposed_T : p.imposed_T + p.wires] if p.imposed_T >= 0 else u[-1]
-    heated, n = len(before) - 2 * p.coordinates, p.coordinates
-    y[p.first_T : p.first_T + p.wires] += np.array(before[:heated]) if heated > 0 else 0.0
+    n = p.coordinates
+    y[p.first_T : p.first_T + p.wires] += np.array(beginning.warmth) if beginning.warmth else 0.0
     requested = np.array([model.config.parameters.get(f'initial.x_M_{i + 1}', np.nan) for i in range(p.wires)])
     within = np.array(parts if len(parts) else [np.nan] * p.wires, dtype=float)
     state = SystemState(y, np.zeros(p.wires, dtype=np.int64), np.zeros(p.wires))
@@ -125,10 +127,10 @@ def new_run(model: Model, first_input: Vector, work: Work, parts: Sequence[float
         )
     if p.coordinates > 0:
         check_start(model, work.first.obs)
-    if len(before):
-        y[:n] += before[heated : heated + n]
+    if not beginning.is_at_rest:
+        y[:n] += beginning.pose
         package_compiler().function(take_fractions)(state, at_rest, within, hybrid, work)
-        y[n : 2 * n] = before[heated + n :]
+        y[n : 2 * n] = beginning.rates
     if p.mas:
         y[p.first_x : p.first_x + p.wires] = state.x_frozen
     control = np.zeros(C_WIRES + PER_WIRE_CONTROLS * p.wires)

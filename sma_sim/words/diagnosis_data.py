@@ -126,7 +126,7 @@ def amounts(difference: RecordingDifference, diagnosis: Diagnosis) -> Iterator[t
         if difference.channel:
             yield run.name, run.zeros.get(difference.channel, 0.0)
         elif difference.in_motion:
-            yield run.name, max(run.warmth, default=0.0)
+            yield run.name, max(run.beginning.warmth, default=0.0)
         else:
             yield run.name, run.ambient if difference.ambient else run.name in difference.recordings
 

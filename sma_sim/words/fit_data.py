@@ -73,7 +73,7 @@ def run_data(fit: RunFit, held_out: bool) -> dict[str, Any]:
         'zeros': fit.zeros,
         'drifts': fit.drifts,
         'ambient': fit.ambient,
-        'warmth': fit.warmth,
+        'warmth': fit.beginning.warmth,
     }
 
 

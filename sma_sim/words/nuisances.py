@@ -47,11 +47,11 @@ def warm_wires(found: Calibration, predicted: Sequence[RunFit] = ()) -> dict[str
     """By recording that may not begin at rest, its wires; those of held-out runs as they were `predicted`."""
     known, wires = found.uncertainty.warmth if found.uncertainty else {}, dict[str, tuple[WireAtBeginning, ...]]()
     for run in (*found.runs, *predicted):
-        unknown = [(nan, nan)] * len(run.warmth)
+        unknown = [(nan, nan)] * len(run.beginning.warmth)
         ends = [(one.low, one.high) for one in known.get(run.name, ())] or unknown
         wires[run.name] = tuple(
             WireAtBeginning(run.T_E + warmth, run.T_E + low, run.T_E + high, run.T_E)
-            for warmth, (low, high) in zip(run.warmth, ends, strict=True)
+            for warmth, (low, high) in zip(run.beginning.warmth, ends, strict=True)
         )
     return {name: of_run for name, of_run in wires.items() if of_run}
 

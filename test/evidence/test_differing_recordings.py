@@ -17,7 +17,7 @@ from sma_sim.evidence.diagnosis.review import reviewed
 from sma_sim.evidence.estimation.calibrate import FitOptions, problem_for
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.problem import AMBIENT, MOTION, WARMTH, linearize, residuals_at, start_point
+from sma_sim.evidence.estimation.problem import AMBIENT, LEFT_OF_MOTION, linearize, residuals_at, start_point
 from sma_sim.evidence.estimation.recording_differences import AMBIENT_STD, RecordingDifference, with_differences
 from sma_sim.evidence.estimation.residuals import Nuisance, fit_data, planned_run, predict
 from sma_sim.evidence.estimation.search_context import SearchContext
@@ -176,7 +176,7 @@ def test_the_derivatives_in_what_is_left_of_a_motion_are_those_of_the_residuals(
     dataset = with_differences(sma_sim.Dataset(pieces()[0][:1], NOISE), (IN_MOTION,))
     problem = problem_for(dataset, sma_sim.Config(), OPTIONS, 5, step_limited=False)
     z = start_point(problem)
-    own = [*problem.places(problem.runs[0], WARMTH), *problem.places(problem.runs[0], MOTION)]
+    own = [at for unknown in LEFT_OF_MOTION.values() for at in problem.places(problem.runs[0], unknown)]
     z[own] = [0.5, 0.2, 0.0, 0.1, 0.1, 0.0, 0.0, 0.0]
     with executor_or_threads(None) as pool:
         (linear,) = linearize(problem, z, pool)

@@ -42,6 +42,7 @@ from sma_sim.evidence.estimation.uncertainty import (
     uncertainty,
 )
 from sma_sim.model.parameters import Parameter
+from sma_sim.solver.beginning import AT_REST
 from sma_sim.words.fit_remarks import p_words
 
 A = FreeParameter('a', 2.0, 0.5, -5.0, 5.0, True, 'Pa')
@@ -53,7 +54,9 @@ SAMPLES = 400
 
 def run_of(name, channels=('alpha', 'F_1')):
     weight = np.ones((len(channels), SAMPLES))
-    return SimpleNamespace(name=name, channels=channels, weight=weight, samples=weight.size, ambient_std=0.0, warmth_std=())
+    return SimpleNamespace(
+        name=name, channels=channels, weight=weight, samples=weight.size, ambient_std=0.0, beginning_std=AT_REST
+    )
 
 
 def problem_of(runs=2, delay=None, robust=False):

@@ -49,6 +49,7 @@ from sma_sim.evidence.estimation.residuals import (
     strain_zero,
 )
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95, Interval, ambient_differences
+from sma_sim.solver.beginning import Beginning
 from sma_sim.words.fit_remarks import starts_sentence
 from sma_sim.words.nuisances import nuisance_data, nuisance_sentences, offset_sentences
 
@@ -120,13 +121,13 @@ def test_what_one_run_was_found_to_be_comes_back_as_its_unknowns():
     found = problem.nuisance(run, part)
     fit = RunFit('run1', found.start, (0.3, 0.6), found.switches, {}, 1.0, ambient=found.ambient, ambient_std=2.0)
     assert point_with(alone, part[:3], (fit,)) == pytest.approx(part)
-    warm = replace(problem, runs=(replace(run, warmth_std=(40.0, 20.0), motion_std=(0.5,)),))
-    own = np.array([*part, 0.5, 1.0, -2.0])
+    warm = replace(problem, runs=(replace(run, beginning_std=Beginning((40.0, 20.0), (0.5,), (2.0,))),))
+    own = np.array([*part, 0.5, 1.0, -2.0, 0.5])
     initial = warm.nuisance(warm.runs[0], own)
-    assert initial == replace(found, motion=(20.0, 20.0, -1.0)) and len(warm.unknowns) == len(own)
-    moving = replace(fit, warmth=(20.0, 20.0), motion=(-1.0,))
+    assert initial == replace(found, beginning=Beginning((20.0, 20.0), (-1.0,), (1.0,))) and len(warm.unknowns) == len(own)
+    moving = replace(fit, beginning=initial.beginning)
     assert point_with(warm, part[:3], (moving,)) == pytest.approx(own)
-    assert point_with(warm, part[:3], (fit,)) == pytest.approx([*part, 0.0, 0.0, 0.0])  # of a fit at rest
+    assert point_with(warm, part[:3], (fit,)) == pytest.approx([*part, 0.0, 0.0, 0.0, 0.0])  # of a fit at rest
     assert nuisances_of(found.delay, (moving,))['run1'] == initial
     again = nuisances_of(found.delay, (fit, replace(fit, name='still', quasi_static=True)))
     assert again['run1'] == found

@@ -17,6 +17,7 @@ from sma_sim.model.material import compliance, sigma_A, sigma_M
 from sma_sim.model.structures.discovery import package_structures
 from sma_sim.model.system import EVERYTHING, update_flow
 from sma_sim.solver import simulate as simulation
+from sma_sim.solver.beginning import Beginning
 from sma_sim.solver.columns import places, sample_columns, sampled_numbers
 from sma_sim.solver.effect_table import channel_scales, own_scratch
 from sma_sim.solver.end_of_run import notes_on_start, stop_reason
@@ -214,13 +215,13 @@ def test_a_run_may_begin_in_motion(system, kind):
     p, n = model.compiled, model.compiled.coordinates
     u, warm = np.array([*np.zeros(len(model.structure.input_columns) - 1), 298.0]), 20.0 + np.arange(p.wires)
     parts = (1.0, *np.zeros(p.wires - 1))
-    still = new_run(model, u, new_work(model), parts, (*warm, *np.zeros(2 * n))).state
+    still = new_run(model, u, new_work(model), parts, Beginning(tuple(warm), (0.0,) * n, (0.0,) * n)).state
     moved = 0.05 * np.array(channel_scales(model.structure)[:n])
-    run = new_run(model, u, new_work(model), parts, (*warm, *moved, *(2.0 * moved)))
+    run = new_run(model, u, new_work(model), parts, Beginning(tuple(warm), tuple(moved), tuple(2.0 * moved)))
     y = run.state.y
     assert y[p.first_T : p.first_T + p.wires] == pytest.approx(298.0 + warm)
     assert y[:n] == pytest.approx(still.y[:n] + moved) and y[n : 2 * n] == pytest.approx(2.0 * moved)
-    cold = new_run(model, u, new_work(model), parts, np.zeros(p.wires + 2 * n)).state
+    cold = new_run(model, u, new_work(model), parts, Beginning((0.0,) * p.wires, (0.0,) * n, (0.0,) * n)).state
     assert cold.y[:n] == pytest.approx(new_run(model, u, new_work(model), parts).state.y[:n])
     found = Evaluation(np.zeros_like(y), new_findings(p))
     update_flow(0.0, run.state, InputPoint(u, np.zeros(len(u))), p, found, EVERYTHING)

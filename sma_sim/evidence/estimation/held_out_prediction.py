@@ -42,6 +42,7 @@ from sma_sim.model.argument_checks import checked
 from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
+from sma_sim.solver.beginning import AT_REST, Beginning
 from sma_sim.solver.simulate import SimulationError
 
 INITIAL_GUESSES = (0.0, -0.9, 0.9)  # of a start, in its coordinate (-1 on sigma_A, 1 on sigma_M)
@@ -59,8 +60,7 @@ class RunFit:
     `zeros`: the same of other channels, by channel (SI); `drifts`: by how much these zeros drift within the run.
     `quasi_static`: a test whose time says nothing. `ambient`: by how much its ambient temperature was above that of its
     input, `ambient_std`: the prior of that [K]. `T_E`: its ambient temperature at the beginning
-    [K]. `warmth`: by how much each wire was warmer then [K], `motion`: what was left of that of the pose (SI), as
-    `Nuisance.motion` has them; empty where it begins at rest.
+    [K]. `beginning`: what was left then of a motion before.
     """
 
     name: str
@@ -76,8 +76,7 @@ class RunFit:
     ambient: float = 0.0
     ambient_std: float = 0.0
     T_E: float = nan
-    warmth: tuple[float, ...] = ()
-    motion: tuple[float, ...] = ()
+    beginning: Beginning = AT_REST
 
 
 def nuisances_of(delay: float, fits: Sequence[RunFit]) -> dict[str, Nuisance]:
@@ -89,7 +88,7 @@ def nuisances_of(delay: float, fits: Sequence[RunFit]) -> dict[str, Nuisance]:
             fit.switches,
             fit.quasi_static,
             fit.ambient,
-            fit.warmth + fit.motion,
+            fit.beginning,
         )
         for fit in fits
     }
@@ -101,8 +100,9 @@ def point_with(problem: Problem, known: Sequence[float], fits: Sequence[RunFit])
     for run, fit in zip(problem.runs[len(problem.runs) - len(fits) :], fits, strict=True):  # in the order of Problem.own
         ambient = [fit.ambient / fit.ambient_std] if fit.ambient_std > 0.0 else []
         z += [*map(START.coordinate, fit.start), *map(SWITCH.coordinate, fit.switches), *ambient]
-        moving = fit.warmth + fit.motion or (0.0,) * len(run.warmth_std + run.motion_std)
-        z += [value / std for value, std in zip(moving, run.warmth_std + run.motion_std, strict=True)]
+        stds = run.beginning_std.values
+        moving = (0.0,) * len(stds) if fit.beginning.is_at_rest else fit.beginning.values
+        z += [value / std for value, std in zip(moving, stds, strict=True)]
     return start_point(problem, np.array(z))
 
 
@@ -142,7 +142,6 @@ def run_fits(problem: Problem, z: Vector, executor: Executor) -> tuple[RunFit, .
             if found is not None
             else config.parameters
         )
-        pose = len(run.on_bench(config).structure.structure.coordinates) if nuisance.motion else 0
         x = tuple(initial[f'initial.x_M_{i + 1}'] for i in range(run.starts))
         zero = zero_of(config, run, nuisance) if nuisance.unknown_zero and found is not None else 0.0
         zeros, drifts = offsets_of(config, run, nuisance) if found is not None else ({}, {})
@@ -161,8 +160,7 @@ def run_fits(problem: Problem, z: Vector, executor: Executor) -> tuple[RunFit, .
                 ambient=nuisance.ambient,
                 ambient_std=run.ambient_std,
                 T_E=float(planned_run(run, nuisance)[0].values[0, -1]),
-                warmth=nuisance.motion[: len(nuisance.motion) - 2 * pose],
-                motion=nuisance.motion[len(nuisance.motion) - 2 * pose :],
+                beginning=nuisance.beginning,
             )
         )
     return tuple(fits)
@@ -191,7 +189,7 @@ def predict_runs(
             with suppress(SimulationError):  # a run that cannot be made is infinitely far off
                 if run.is_in_motion:
                     z = minimize(replace(problem, runs=(beginning_of(run),)), z, RUN_UNKNOWNS, context).z
-                    known = replace(problem, runs=(with_motion(run, problem.nuisance(run, z).motion),))
+                    known = replace(problem, runs=(beginning_at(run, problem.nuisance(run, z).beginning),))
                     z = values_in_order(problem.own(run), z, known.own(known.runs[0]))
                 smoothed = replace(known, runs=(replace(known.runs[0], leeway=leeway),))
                 z = minimize(smoothed, z, RUN_UNKNOWNS, context).z
@@ -210,9 +208,9 @@ def beginning_of(run: FitData) -> FitData:
     return replace(run, weight=run.weight * (run.time <= until))
 
 
-def with_motion(run: FitData, motion: tuple[float, ...]) -> FitData:
+def beginning_at(run: FitData, beginning: Beginning) -> FitData:
     """A run of which it is known what is left of a motion before it."""
-    return replace(run, warmth_std=(), motion_std=(), known_motion=motion)
+    return replace(run, beginning_std=AT_REST, known_beginning=beginning)
 
 
 @checked

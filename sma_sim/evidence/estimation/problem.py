@@ -39,8 +39,11 @@ AMBIENT_STEP = 0.1  # of differences in an ambient temperature, in standard devi
 DELAY = FreeParameter('delay', 0.0, 0.05, -10.0, 100.0, False, 's')
 START = FreeParameter('start', 0.5, 0.5, -1.0, 1.0, False, '-')
 AMBIENT = FreeParameter('ambient', 0.0, 1.0, -5.0, 5.0, False, 'K')  # in standard deviations of the recording's prior
-WARMTH = FreeParameter('warmth', 0.0, 1.0, 0.0, 6.0, False, 'K')  # in standard deviations of the recording's prior, as
-MOTION = FreeParameter('motion', 0.0, 1.0, -6.0, 6.0, False, '-')  # is what is left of the pose and its rates
+# What is left of a motion before a recording (`Beginning`), in standard deviations of the recording's prior.
+WARMTH = FreeParameter('warmth', 0.0, 1.0, 0.0, 6.0, False, '-')
+POSE = FreeParameter('pose', 0.0, 1.0, -6.0, 6.0, False, '-')
+RATES = replace(POSE, name='rates')
+LEFT_OF_MOTION = {unknown.name: unknown for unknown in (WARMTH, POSE, RATES)}
 MEDIAN_WARMTH = 0.6745  # of its prior, half a normal one
 SWITCH = FreeParameter('switch', 0.5, 0.288675, -1.73, 1.73, False, '-')  # uniform in the interval: its mean and std
 HUBER_CORNER = 3.0  # residual, in units of the noise, from which a robust loss grows linearly
@@ -81,7 +84,11 @@ class Problem:
     def own(self, run: FitData) -> tuple[FreeParameter, ...]:
         """The unknowns of one run."""
         at_rest = (START,) * run.starts + (SWITCH,) * run.groups + (AMBIENT,) * (run.ambient_std > 0.0)
-        return at_rest + (WARMTH,) * len(run.warmth_std) + (MOTION,) * len(run.motion_std)
+        return at_rest + self.of_beginning(run)
+
+    def of_beginning(self, run: FitData) -> tuple[FreeParameter, ...]:
+        """The unknowns of one run that say where it begins, the last of its own: in the order of `Beginning.values`."""
+        return tuple(LEFT_OF_MOTION[kind] for kind, stds in run.beginning_std.parts.items() for _ in stds)
 
     def places(self, run: FitData, unknown: FreeParameter) -> list[int]:
         """Where the unknowns of a kind are among those of one run, after the shared ones."""
@@ -122,10 +129,12 @@ class Problem:
         switches = tuple(SWITCH.value(float(x)) for x in part[first:last])
         end = last + (run.ambient_std > 0.0)
         ambient = run.ambient_std * float(part[last:end].sum())
-        stds = run.warmth_std + run.motion_std
-        motion = tuple(std * float(x) for std, x in zip(stds, part[end:], strict=True)) or run.known_motion
+        beginning = run.known_beginning
+        if run.is_in_motion:
+            pairs = zip(run.beginning_std.values, part[end:].tolist(), strict=True)
+            beginning = run.beginning_std.with_values(std * x for std, x in pairs)
         delay = 0.0 if run.is_quasi_static else self.delay_at(part)
-        return Nuisance(delay, start, switches, run.is_quasi_static, ambient, motion)
+        return Nuisance(delay, start, switches, run.is_quasi_static, ambient, beginning)
 
     def delay_at(self, z: Vector) -> float:
         """The delay [s]."""

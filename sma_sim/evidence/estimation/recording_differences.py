@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 from sma_sim.evidence.data.recording import Dataset, Recording
-from sma_sim.evidence.estimation.residuals import FitData, motion_stds
+from sma_sim.evidence.estimation.residuals import FitData, beginning_stds
 from sma_sim.model.structures.discovery import known_structures
 
 AMBIENT_STD = 3.0  # [K]: by which rooms differ from day to day
@@ -39,8 +39,7 @@ class RecordingDifference:
         if self.ambient:
             return replace(run, ambient_std=AMBIENT_STD)
         if self.in_motion:
-            warmth_std, motion_std = motion_stds(known_structures()[run.bench])
-            return replace(run, warmth_std=warmth_std, motion_std=motion_std)
+            return replace(run, beginning_std=beginning_stds(known_structures()[run.bench]))
         return replace(run, unpowered_side=self.unpowered_side) if run.name in self.recordings else run
 
     def in_recording(self, recording: Recording) -> Recording:

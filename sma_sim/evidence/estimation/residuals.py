@@ -19,6 +19,7 @@ from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import known_structures
 from sma_sim.model.structures.structure import Structure
 from sma_sim.model.unit_mismatch import SLOW_STEP
+from sma_sim.solver.beginning import AT_REST, Beginning
 from sma_sim.solver.clock import seen_at
 from sma_sim.solver.effect_table import channel_scales
 from sma_sim.solver.inputs import Input, inputs_at
@@ -56,9 +57,9 @@ class FitData:
     empty when the commands are exact. `step_limited`: for a search, in which a run of too many steps is given up.
     `initial_state`: the state in which the model is at the first time of the source; at rest without it. `zero_std`,
     `drift_std` (channels,): priors of a zero of this recording and of its drift, 0 where known; empty where all are.
-    `ambient_std` [K]: prior of what its ambient temperature differs by, 0 where that is known. `warmth_std`, `motion_std`:
-    priors of what is left of a motion before it (`Nuisance.motion`), of wires and of the pose; empty where it begins at
-    rest, or with a `known_motion`. `unpowered_side`: the sign of a command that heats nothing.
+    `ambient_std` [K]: prior of what its ambient temperature differs by, 0 where that is known. `beginning_std`: priors of
+    what is left of a motion before it; empty where it begins at rest, or where that is known (`known_beginning`).
+    `unpowered_side`: the sign of a command that heats nothing.
     `bench`: on which the wire was, by the name of its structure. `level`: the stress [Pa] of an isobaric test, NaN of
     others. `zero_range`: of an unknown zero of the strain gauge. `starts`: wires of which it is unknown where they begin
     within the hysteresis. `leeway`: how far a command that changes at every moment may be smoothed. `correction`
@@ -89,9 +90,8 @@ class FitData:
     leeway: Leeway | None = None
     correction: NDArray[np.float64] | None = None
     floor_shares: tuple[float, ...] = ()
-    warmth_std: tuple[float, ...] = ()
-    motion_std: tuple[float, ...] = ()
-    known_motion: tuple[float, ...] = ()
+    beginning_std: Beginning = AT_REST
+    known_beginning: Beginning = AT_REST
     _last_plan: list[tuple[Nuisance, Plan]] = field(init=False, repr=False, compare=False, default_factory=list)
 
     @property
@@ -102,7 +102,7 @@ class FitData:
     @property
     def is_in_motion(self) -> bool:
         """Whether it is unknown what is left of a motion before it."""
-        return bool(self.warmth_std or self.motion_std)
+        return not self.beginning_std.is_at_rest
 
     @property
     def groups(self) -> int:
@@ -136,9 +136,8 @@ class Nuisance:
         Whether the zero of the strain gauge is unknown: it is then where the residuals are least, within `zero_range`.
     ambient : float
         By how much the ambient temperature was above that of the source [K].
-    motion : tuple of float
-        What is left at its start of a motion before it: by how much each wire is warmer than the ambient [K], how far the
-        pose is from the equilibrium of wires that warm, and its rates (SI). Empty: the run begins at rest.
+    beginning : Beginning
+        What is left at its start of a motion before it; by default the run begins at rest.
     """
 
     delay: float = 0.0
@@ -146,7 +145,7 @@ class Nuisance:
     switches: tuple[float, ...] = ()
     unknown_zero: bool = False
     ambient: float = 0.0
-    motion: tuple[float, ...] = ()
+    beginning: Beginning = AT_REST
 
 
 def hidden_rtol(dataset: Dataset) -> float:
@@ -189,7 +188,6 @@ def fit_data(
     level = float(np.median(np.asarray(recording.source.values)[:, 0])) if structure.is_quasi_static else nan
     changed, interval = sampled_changes(recording)
     single = len(changed) > MAX_SWITCHES
-    warmth_std, motion_std = motion_stds(structure) if recording.in_motion else ((), ())
     return FitData(
         name=recording.name,
         channels=channels,
@@ -209,19 +207,18 @@ def fit_data(
         level=level,
         zero_range=zero_range(recording, level),
         starts=0 if structure.is_quasi_static else structure.wires,
-        warmth_std=warmth_std,
-        motion_std=motion_std,
+        beginning_std=beginning_stds(structure) if recording.in_motion else AT_REST,
     )
 
 
-def motion_stds(structure: Structure) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Priors of what is left of a motion before a recording (`Nuisance.motion`): wires as warm as in use; a pose as far from
-    its equilibrium as it usually goes, and as fast as wires move it. Empty for tests without time."""
+def beginning_stds(structure: Structure) -> Beginning:
+    """Priors of what is left of a motion before a recording: wires as warm as in use; a pose as far from its equilibrium as
+    it usually goes, and as fast as wires move it. Empty for tests without time."""
     if structure.is_quasi_static:
-        return (), ()
+        return AT_REST
     sizes = channel_scales(structure)[: len(structure.coordinates)]
-    warm = (WARMTH_STD,) * (structure.wires if structure.imposed_temperature < 0 else 0)
-    return warm, (*sizes, *(size / USUAL_TIME for size in sizes))
+    warmth = (WARMTH_STD,) * (structure.wires if structure.imposed_temperature < 0 else 0)
+    return Beginning(warmth, tuple(sizes), tuple(size / USUAL_TIME for size in sizes))
 
 
 def thinned_rows(known: Sequence[NDArray[np.bool_]], every: int) -> NDArray[np.bool_]:
@@ -519,7 +516,7 @@ def shown_by_all(
     begin = (
         copy_of_run(model, run.initial_state)
         if run.initial_state
-        else new_run(model, first, work, nuisance.start, nuisance.motion)
+        else new_run(model, first, work, nuisance.start, nuisance.beginning)
     )
     try:
         limit = step_limit(source, run.step_limited, 0 if lines is None else len(lines.times), len(run.time))
@@ -626,7 +623,7 @@ def start_of(model: Model, source: Input, nuisance: Nuisance, work: Work | None 
     if not len(nuisance.start):
         return None
     first = np.asarray(source.values[0], float)
-    return new_run(model, first, work or new_work(model), nuisance.start, nuisance.motion)
+    return new_run(model, first, work or new_work(model), nuisance.start, nuisance.beginning)
 
 
 # What is imposed and was measured, as an input: fewer straight stretches, where rows between say no more than noise.

@@ -24,6 +24,7 @@ from sma_sim.model.arrays import Matrix
 from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.model.structures.structure import Structure
+from sma_sim.solver.beginning import Beginning
 from sma_sim.solver.inputs import Input
 from sma_sim.solver.integrate import Run
 from sma_sim.solver.model import Model
@@ -142,9 +143,9 @@ def sensitivities_of(task: TangentTask) -> Sensitivities | None:
     )
 
 
-def initial_conditions(nuisance: Nuisance) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def initial_conditions(nuisance: Nuisance) -> tuple[tuple[float, ...], Beginning]:
     """What of a nuisance says where a run begins."""
-    return nuisance.start, nuisance.motion
+    return nuisance.start, nuisance.beginning
 
 
 def started(model: Model, source: Input, nuisance: Nuisance, work: Work) -> Run:

@@ -274,10 +274,11 @@ def warmth_of_wires(problem: Problem, z: Vector, variance: Vector) -> dict[str, 
     """By recording that does not begin at rest, how warm its wires are, from the `variance` (n,) of z."""
     found = {}
     for run, at in zip(problem.runs, problem.indices(), strict=True):
-        if not run.warmth_std:
+        if not run.beginning_std.warmth:
             continue
         own = at[problem.places(run, WARMTH)]
-        values, reach = z[own] * run.warmth_std, GAUSS_95 * np.sqrt(variance[own]) * run.warmth_std
+        stds = np.array(run.beginning_std.warmth)
+        values, reach = z[own] * stds, GAUSS_95 * np.sqrt(variance[own]) * stds
         pairs = zip(values.tolist(), reach.tolist(), strict=True)
         found[run.name] = tuple(Warmth(value, max(0.0, value - r), value + r) for value, r in pairs)
     return found

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from sma_sim.evidence.estimation.problem import AMBIENT as ROOM
 from sma_sim.evidence.estimation.problem import (
     AMBIENT_STEP,
-    MOTION,
-    WARMTH,
+    LEFT_OF_MOTION,
     LinearizedRun,
     Problem,
     linearize,
@@ -111,7 +110,7 @@ def motion_before(problem: Problem, context: SearchContext) -> Promise | None:
         return None
     at_rest, left = responses_of([one for one, _ in pairs], len(middle))
     with_motion, _ = responses_of([one for _, one in pairs], len(z))
-    new = [k for k, unknown in enumerate(moving.unknowns) if unknown.name in (WARMTH.name, MOTION.name)]
+    new = [k for k, unknown in enumerate(moving.unknowns) if unknown.name in LEFT_OF_MOTION]
     rest = np.eye(len(left)) + at_rest @ at_rest.T
     both = rest + with_motion[:, new] @ with_motion[:, new].T
     explained = left @ (np.linalg.solve(rest, left) - np.linalg.solve(both, left))
