@@ -1,6 +1,7 @@
 """The observer: derivatives of its runs, honest intervals, late and missing messages, every structure, the command."""
 
 import csv
+import dataclasses
 
 import numpy as np
 import pytest
@@ -224,6 +225,19 @@ def test_the_scale_of_temperatures_stays_as_uncertain_as_the_parameters_that_hav
         assert abs(found[k].T[0] - T[k, 0]) < 2.0 * found[k].T_std[0]
 
 
+def test_a_new_run_begins_where_measured_forces_say():
+    """Where a run began, forces were 10 times their noise beside the estimate, in robots whose dsigma is off: a filter took
+    it for information about the scale of temperatures."""
+    nominal, heating = Config().parameters, ((0.0, 0.0), (8.0, 0.5))
+    factors = {'wire.sigma_MW0': 1.15, 'wire.dsigma': 0.85}
+    channels, _, _ = truth_of(Config({n: f * nominal[n] for n, f in factors.items()}, kinetics='mas'), heating, 2.0)
+    one, _ = observed(Config({'observer.parameter_std': 0.15}), channels, heating, (*POSE, *FORCES))
+    at = one._shown[one._forces]
+    for belief in one._beliefs[-1]:
+        before, after = (one._seen(each)[0][at] for each in (belief, one._run_anew(belief)))
+        assert np.abs(after - before).max() < 0.2 * nominal['check.noise_F_1']
+
+
 def test_the_scale_of_stresses_stays_as_uncertain_as_the_parameters_that_have_it(robot):
     """Without forces nothing tells a factor of sigma_MW0, sigma_T, dsigma and the stiffness of the beam."""
     one, found = observed(Config(), robot[0], HEATING, POSE)
@@ -242,7 +256,7 @@ def test_a_supply_that_gives_way_is_not_taken_for_hotter_wires():
     channels, T, _ = truth_of(true, heating, 9.5)
     found = observed(Config(), channels, heating, (*POSE, *FORCES))[1]
     error = np.array([e.T for e in found]) - T
-    assert np.sqrt(np.mean(error**2)) < 7.5 and abs(error[-1, 0]) < 4.5
+    assert np.sqrt(np.mean(error**2)) < 7.5 and abs(error[-1, 0]) < 5.0
 
 
 def beside(nominal, factors):
@@ -272,7 +286,8 @@ def test_pose_and_forces_do_not_tell_the_scale_of_fractions():
     assert np.allclose(x_M / truth_of(nominal, HEATING, 12.0)[2], 1.0 / s, rtol=0.01)
 
 
-def test_an_estimate_that_is_carried_to_where_it_is_stays():
+@pytest.mark.parametrize('by_dsigma', [True, False])
+def test_an_estimate_that_is_carried_to_where_it_is_stays(by_dsigma):
     one = Observer(Config())
     for k in range(60):
         one.update(k / RATE, 6.0, {'F_1': 16.0 + 0.1 * k})
@@ -281,8 +296,9 @@ def test_an_estimate_that_is_carried_to_where_it_is_stays():
     mean[one._temperatures], mean[one._fractions] = 320.0 / one._scales[one._temperatures], 4.0
     mean[one._at.parameters] = 0.5
     told = np.array([True, True])
-    carried = one._coordinates.mean(mean, mean, 300.0, told)
-    covariance = one._coordinates.covariance(root @ root.T, mean, carried, 300.0, told)
+    coordinates = dataclasses.replace(one._coordinates, by_dsigma=by_dsigma)
+    carried = coordinates.mean(mean, mean, 300.0, told)
+    covariance = coordinates.covariance(root @ root.T, mean, carried, 300.0, told)
     assert np.allclose(carried, mean, atol=1e-9) and np.allclose(covariance, root @ root.T, atol=1e-6)
     assert [one.name for one in free].count('wire.E_M') == 1
 

@@ -10,9 +10,12 @@ a wire transforms at S + Theta +- dsigma/2 (MAS7, MAS8), its strain is sigma (1/
 
 Robots whose sigma_T, c_V and lambda are all s times as large, or whose eps_T is, show the same with the same Theta, xi, S
 and D: T - T_E is known to the common scale of those three parameters, x_M to that of eps_T. Only the latent heat, which goes
-with the absolute temperature, tells the former, and only a wire that is all martensite the latter. Without forces, robots
-show the same too whose stresses, moduli and stiffnesses are all s times as large, with Theta, S and 1/D: coordinates are
-these over dsigma, which is one of them and positive everywhere.
+with the absolute temperature, tells the former, and only a wire that is all martensite the latter.
+
+Measured forces tell stresses, which are sums of Theta, S and dsigma: those are coordinates as they are. Without forces,
+robots show the same too whose stresses, moduli and stiffnesses are all s times as large, with Theta, S and 1/D: coordinates
+are then these over dsigma, which is one of them and positive everywhere. With forces that would not do: a stress is not
+linear in quotients and dsigma, so that a new run begins beside what was measured, and takes the difference for information.
 
 In T, x_M and parameters that direction depends on the state. A filter that linearises about several states then takes the
 change of the direction for information (Huang, Mourikis and Roumeliotis, Int. J. Robotics Research 29 (2010) 502); in these
@@ -41,7 +44,8 @@ class InvariantCoordinates:
     """The coordinates of a vector (n,) of all that is estimated, which begins with the `unknowns` of a propagation.
 
     `free`: the parameters among them; `values`: those of the others (SI). `temperatures` and `fractions` (wires,): where T
-    and x_M of the wires stand, in units of `T_scale` [K] and `x_scale`.
+    and x_M of the wires stand, in units of `T_scale` [K] and `x_scale`. `by_dsigma`: stresses over dsigma, for robots whose
+    forces are not measured.
     """
 
     free: Sequence[FreeParameter]
@@ -51,6 +55,7 @@ class InvariantCoordinates:
     fractions: NDArray[np.int64]
     T_scale: Vector
     x_scale: Vector
+    by_dsigma: bool = True
 
     def mean(self, estimate: Vector, about: Vector, T_E: float, told: NDArray[np.bool_]) -> Vector:
         """The mean (n,) of an estimate that is linear about a vector (n,), as it is about itself.
@@ -77,11 +82,11 @@ class InvariantCoordinates:
 
     def _of(self, xi: Vector, T_E: float, told: NDArray[np.bool_]) -> Vector:
         found, w, room = xi.copy(), self._wire(xi), T_E + float(xi[self.unknowns.T_E])
-        found[self.temperatures] = w['sigma_T'] / w['dsigma'] * (self.T_scale * xi[self.temperatures] - room)
+        found[self.temperatures] = w['sigma_T'] / w['unit'] * (self.T_scale * xi[self.temperatures] - room)
         found[self.fractions[told]] = w['eps_T'] / STRAIN * (self.x_scale * xi[self.fractions])[told]
         replaced = {
-            'wire.sigma_MW0': (w['sigma_MW0'] + w['sigma_T'] * (room - w['T0'])) / w['dsigma'],
-            'wire.E_M': w['dsigma'] / STRAIN * (1.0 / w['E_M'] - 1.0 / w['E_A']) / w['eps_T'],
+            'wire.sigma_MW0': (w['sigma_MW0'] + w['sigma_T'] * (room - w['T0'])) / w['unit'],
+            'wire.E_M': w['unit'] / STRAIN * (1.0 / w['E_M'] - 1.0 / w['E_A']) / w['eps_T'],
         }
         for name, at in self._replaced:
             found[at] = replaced[name]
@@ -91,15 +96,15 @@ class InvariantCoordinates:
         """The vector (n,) at some coordinates, its parameters within their limits."""
         xi, room = coordinates.copy(), T_E + float(coordinates[self.unknowns.T_E])
         w = self._wire(xi)
-        xi[self.temperatures] = (room + w['dsigma'] / w['sigma_T'] * coordinates[self.temperatures]) / self.T_scale
+        xi[self.temperatures] = (room + w['unit'] / w['sigma_T'] * coordinates[self.temperatures]) / self.T_scale
         xi[self.fractions[told]] = (STRAIN / w['eps_T'] * coordinates[self.fractions] / self.x_scale)[told]
         for name, at in self._replaced:
             of_one = self.free[at - self.unknowns.parameters.start]
             low, high = of_one.value(of_one.low), of_one.value(of_one.high)
             if name == 'wire.sigma_MW0':
-                value = w['dsigma'] * coordinates[at] - w['sigma_T'] * (room - w['T0'])
+                value = w['unit'] * coordinates[at] - w['sigma_T'] * (room - w['T0'])
             else:
-                value = 1.0 / max(STRAIN / w['dsigma'] * coordinates[at] * w['eps_T'] + 1.0 / w['E_A'], 1.0 / high)
+                value = 1.0 / max(STRAIN / w['unit'] * coordinates[at] * w['eps_T'] + 1.0 / w['E_A'], 1.0 / high)
             xi[at] = of_one.coordinate(min(max(value, low), high))
         return xi
 
@@ -117,9 +122,10 @@ class InvariantCoordinates:
         return [(one.name, first + k) for k, one in enumerate(self.free) if one.name in ('wire.sigma_MW0', 'wire.E_M')]
 
     def _wire(self, xi: Vector) -> dict[str, float]:
-        """The parameters of the wire that the coordinates need."""
+        """The parameters of the wire that the coordinates need, and the `unit` of stresses [Pa]."""
         values = {name: self.values[name] for name in READ}
         for one, z in zip(self.free, xi[self.unknowns.parameters].tolist(), strict=True):
             if one.name in values:
                 values[one.name] = one.value(z)
-        return {name.removeprefix('wire.'): value for name, value in values.items()}
+        unit = (values if self.by_dsigma else self.values)['wire.dsigma']
+        return {'unit': unit, **{name.removeprefix('wire.'): value for name, value in values.items()}}

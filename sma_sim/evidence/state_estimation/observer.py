@@ -115,6 +115,7 @@ class Belief(NamedTuple):
     inconsistency: float
     is_corrected: bool  # by a measurement since the robot was taken to be at rest
     log_evidence: float = 0.0  # of all measurements since then
+    forces_are_measured: bool = False
 
 
 Hypotheses = tuple[Belief, ...]  # the most probable one first
@@ -365,6 +366,7 @@ class Observer:
             self._scales_of_T,
             np.full(wires, unit),
         )
+        self._with_forces = replace(self._coordinates, by_dsigma=False)
         self._walk[temperatures] = (u['T_walk'] / self._scales_of_T) ** 2
         self._walk[self._fractions] = (u['x_M_walk'] / unit) ** 2
         for place, std, time in (
@@ -388,6 +390,7 @@ class Observer:
         of_states[:n], of_states[n : 2 * n] = 1.0, (propagation.scales[:n] / propagation.scales[n : 2 * n] / USUAL_TIME) ** 2
         of_states[self._fractions] = 1.0  # at either transformation
         self._at_any = self._stationary + np.diag(of_states)
+        self._forces = slice(p.coordinates, p.coordinates + wires)  # among channels
         self._shown = np.arange(where.sensed.start, where.sensed.stop)
         of_wire = where.wires.start + PER_WIRE * np.arange(wires)
         self._outputs = np.concatenate([of_wire + WIRE_COLUMNS.index(name) for name in OUTPUTS])
@@ -600,6 +603,7 @@ class Observer:
             covariance=0.5 * (covariance + covariance.T),
             inconsistency=self._running(belief, float(np.mean(squares))),
             is_corrected=True,
+            forces_are_measured=belief.forces_are_measured or bool(np.isfinite(measured[self._forces]).any()),
         )
 
     def _log_density(self, belief: Belief, measured: Vector) -> float:
@@ -619,7 +623,7 @@ class Observer:
         at, before = self._at, belief.reference
         lasted = min(LONGER * (before.until - before.since), LONGEST_RUN)
         run, mean = self._run_from_estimate(belief)
-        covariance = self._coordinates.covariance(
+        covariance = self._coordinates_of(belief).covariance(
             belief.covariance, self._about(belief), mean, belief.T_E, self._told(belief.run)
         )
         reference = self._reference(mean[at.parameters.start : at.count].copy(), belief.time, belief.time + lasted)
@@ -634,6 +638,10 @@ class Observer:
         about[at.parameters.start : at.count] = belief.reference.extra
         return about
 
+    def _coordinates_of(self, belief: Belief) -> InvariantCoordinates:
+        """Those in which what is not measured is one direction."""
+        return self._with_forces if belief.forces_are_measured else self._coordinates
+
     def _told(self, run: Run) -> NDArray[np.bool_]:
         """Of which wires x_M is part of the state (wires,)."""
         told: NDArray[np.bool_] = run.state.mode == INNER
@@ -646,7 +654,7 @@ class Observer:
         state = run.state
         estimate = belief.mean.copy()
         estimate[: at.parameters.start] += about[: at.parameters.start]
-        mean = self._coordinates.mean(estimate, about, belief.T_E, self._told(run))
+        mean = self._coordinates_of(belief).mean(estimate, about, belief.T_E, self._told(run))
         state.y[:] = scales * mean[at.states]
         if p.mas:
             fractions = slice(p.first_x, p.first_x + p.wires)
