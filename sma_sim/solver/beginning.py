@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import islice
 
 WARMTH, POSE, RATES = 'warmth', 'pose', 'rates'  # its parts, in the order of its values
+STATES = 'states.'  # before the name of an effect: the part of its extra states
 
 
 @dataclass(frozen=True)
@@ -21,11 +22,15 @@ class Beginning:
         By how much each coordinate differs from the equilibrium of wires that warm (SI).
     rates : tuple of float
         The rates of the coordinates (SI).
+    states : tuple of (str, tuple of float)
+        By name of an effect, by how much each of its extra states differs from its first value (in its unit); a single copy
+        of those that wires share. Those of other effects begin at their first values.
     """
 
     warmth: tuple[float, ...] = ()
     pose: tuple[float, ...] = ()
     rates: tuple[float, ...] = ()
+    states: tuple[tuple[str, tuple[float, ...]], ...] = ()
 
     @property
     def is_at_rest(self) -> bool:
@@ -35,7 +40,8 @@ class Beginning:
     @property
     def parts(self) -> dict[str, tuple[float, ...]]:
         """Its values by their kind."""
-        return {WARMTH: self.warmth, POSE: self.pose, RATES: self.rates}
+        of_effects = {STATES + name: values for name, values in self.states}
+        return {WARMTH: self.warmth, POSE: self.pose, RATES: self.rates} | of_effects
 
     @property
     def values(self) -> tuple[float, ...]:
@@ -45,7 +51,9 @@ class Beginning:
     @classmethod
     def of_parts(cls, parts: Mapping[str, Iterable[float]]) -> Beginning:
         """The beginning with these parts, by their kind; what is not among them is empty."""
-        return cls(*(tuple(parts.get(kind, ())) for kind in (WARMTH, POSE, RATES)))
+        warmth, pose, rates = (tuple(parts.get(kind, ())) for kind in (WARMTH, POSE, RATES))
+        names = [kind.removeprefix(STATES) for kind in parts if kind.startswith(STATES)]
+        return cls(warmth, pose, rates, tuple((name, tuple(parts[STATES + name])) for name in names))
 
     def with_values(self, values: Iterable[float]) -> Beginning:
         """The same parts with other values, in the order of `values`."""

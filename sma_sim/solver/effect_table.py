@@ -61,6 +61,19 @@ def state_scales(effect: Effect, structure: Structure) -> list[float]:
     return list(effect.scale) * (1 if effect.port == 'structure_force' else structure.wires)
 
 
+def acting_order(effects: Sequence[Effect], structure: Structure) -> tuple[int, ...]:
+    """Which of some effects act on a structure, in the order in which they do."""
+    acting = [k for k, effect in enumerate(effects) if acts_on(effect, structure)]
+    return tuple(sorted(acting, key=lambda k: effects[k].order))
+
+
+def sizes_of_states(active: Sequence[ActiveEffect], structure: Structure) -> dict[str, tuple[float, ...]]:
+    """The scales of the extra states by effect, in the order in which the states of a model have them."""
+    effects = [as_on(one, structure).found.effect for one in active]
+    found = {effects[k].name: tuple(state_scales(effects[k], structure)) for k in acting_order(effects, structure)}
+    return {name: sizes for name, sizes in found.items() if sizes}
+
+
 def states_together(effect: Effect, structure: Structure) -> int:
     """How many extra states the kernels of an effect take at once: those of a wire, a channel, or the structure."""
     return len(effect.states) * (len(acting_coordinates(effect.needs, structure)) if effect.needs else 1)
@@ -81,8 +94,7 @@ class Layout(NamedTuple):
 def layout(found: tuple[FoundEffect, ...], on: FoundStructure, first_state: int) -> Layout:
     """The layout of some effects, whose extra states begin at `first_state`; fits make models with other values only."""
     structure = on.structure
-    acting = [k for k, one in enumerate(found) if acts_on(one.effect, structure)]
-    order = tuple(sorted(acting, key=lambda k: found[k].effect.order))
+    order = acting_order([one.effect for one in found], structure)
     effects = [found[k].effect for k in order]
     ports = np.array([effect.order[0] for effect in effects], dtype=np.int64)
     natives = [native_effect(found[k], on if own_kernels(found[k].effect, structure) else None).addresses for k in order]

@@ -141,15 +141,15 @@ def start_at(state: SystemState, point: InputPoint, requested: Vector, p: System
     return True
 
 
-def take_fractions(state: SystemState, point: InputPoint, parts: Vector, p: System, w: Work) -> None:
+def take_fractions(state: SystemState, point: InputPoint, parts: Vector, moved: Vector, p: System, w: Work) -> None:
     """Give the wires fractions as `parts` (wires,) of those that their temperatures and strains admit, the pose as it is: 0
-    where sigma = sigma_A, as of a wire that cools, 1 where sigma = sigma_M, as of one that is heated."""
+    where sigma = sigma_A, as of a wire that cools, 1 where sigma = sigma_M, as of one that is heated. `moved` (like y): by
+    how much the extra states of effects differ from their first values."""
     mode, x_frozen, least = state.mode, state.x_frozen, w.stages[1]
     for side in (TO_MARTENSITE, TO_AUSTENITE):
         for i in range(p.wires):
             mode[i] = side
-        keep_wires(w, p)
-        balance(state, point, p, w, w.first.dy)
+        balance_beside(state, point, moved, p, w)
         for i in range(p.wires):
             x = min(max(w.first.obs[i, O_X], 0.0), 1.0)
             if side == TO_MARTENSITE:
@@ -158,8 +158,7 @@ def take_fractions(state: SystemState, point: InputPoint, parts: Vector, p: Syst
                 x_frozen[i] = least[i] + parts[i] * (x - least[i])
     for i in range(p.wires):
         mode[i] = AUSTENITE if x_frozen[i] <= 0.0 else MARTENSITE if x_frozen[i] >= 1.0 else INNER
-    keep_wires(w, p)
-    balance(state, point, p, w, w.first.dy)
+    balance_beside(state, point, moved, p, w)
 
 
 def start_on_hysteresis_edge(state: SystemState, point: InputPoint, requested: Vector, p: System, w: Work) -> None:
@@ -209,12 +208,29 @@ def at_transformation_stress(state: SystemState, p: System, obs: Matrix) -> bool
 
 def balance(state: SystemState, point: InputPoint, p: System, w: Work, f: Vector) -> None:
     """The flow at rest into `f`, with the extra states of effects at their first values for this pose."""
+    take_first_values(state, point, p, w)
+    flow(0.0, state, point, p, f, w.first.obs)
+
+
+def balance_beside(state: SystemState, point: InputPoint, moved: Vector, p: System, w: Work) -> None:
+    """As `balance`, with the extra states of effects beside their first values, by what `moved` (like y) has of them."""
+    y, first = state.y, p.first_T + p.wires
+    keep_wires(w, p)
+    for j in range(first, y.shape[0]):
+        y[j] = 0.0  # the first value of those without one of their own
+    take_first_values(state, point, p, w)
+    for j in range(first, y.shape[0]):
+        y[j] += moved[j]
+    flow(0.0, state, point, p, w.first.dy, w.first.obs)
+
+
+def take_first_values(state: SystemState, point: InputPoint, p: System, w: Work) -> None:
+    """Set the extra states of effects to their first values, for this pose and the stresses that were noted."""
     obs = w.first.obs
     for i in range(p.wires):
         obs[i, O_SIGMA], obs[i, O_X] = w.guard.obs[i, O_SIGMA], w.guard.obs[i, O_X]
     fill_kernel_state(0.0, state.y, ambient_temperature(point.u, p), p, obs)
     start_states(state.y, p, obs)
-    flow(0.0, state, point, p, f, obs)
 
 
 def forget_pose(state: SystemState, p: System, obs: Matrix) -> None:

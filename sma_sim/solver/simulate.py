@@ -29,7 +29,7 @@ from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.beginning import AT_REST, Beginning
 from sma_sim.solver.clock import held_until, seen_at
 from sma_sim.solver.columns import are_channels, named_columns, new_samples, sampled_numbers, state_numbers
-from sma_sim.solver.effect_table import own_scratch
+from sma_sim.solver.effect_table import own_scratch, sizes_of_states
 from sma_sim.solver.end_of_run import melting_note, notes_on_commands, notes_on_start, stop_reason, warn_of_idle_effects
 from sma_sim.solver.equilibrium import start, take_fractions
 from sma_sim.solver.inputs import Input, check_columns, inputs_at, requested_times, segments
@@ -129,7 +129,8 @@ def new_run(
         check_start(model, work.first.obs)
     if not beginning.is_at_rest:
         y[:n] += beginning.pose
-        package_compiler().function(take_fractions)(state, at_rest, within, hybrid, work)
+        moved = moved_states(model, beginning)
+        package_compiler().function(take_fractions)(state, at_rest, within, moved, hybrid, work)
         y[n : 2 * n] = beginning.rates
     if p.mas:
         y[p.first_x : p.first_x + p.wires] = state.x_frozen
@@ -137,6 +138,15 @@ def new_run(
     control[C_H] = 1e-3
     control[C_WIRES + C_LAST_JUMP :: PER_WIRE_CONTROLS] = -1.0
     return Run(state, control, np.zeros(N_SIZE, dtype=np.int64), np.zeros_like(work.matrix))
+
+
+def moved_states(model: Model, beginning: Beginning) -> Vector:
+    """By how much each state of a model (n,), of the extra ones of effects, differs from its first value."""
+    sizes, known = sizes_of_states(model.config.effects, model.structure), dict(beginning.states)
+    moved = [known.get(name, ()) or (0.0,) for name in sizes]
+    extra = [np.tile(values, len(sizes[name]) // len(values)) for name, values in zip(sizes, moved, strict=True)]
+    found = np.concatenate([np.zeros(0), *extra])
+    return np.concatenate([np.zeros(len(model.scales) - len(found)), found])
 
 
 def copy_of_run(model: Model, initial_state: Run) -> Run:

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from made_recordings import write_recording
+from systems import active
 
 import sma_sim
 from sma_sim.cli.main import main
@@ -17,13 +18,17 @@ from sma_sim.evidence.diagnosis.review import reviewed
 from sma_sim.evidence.estimation.calibrate import FitOptions, problem_for
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.problem import AMBIENT, LEFT_OF_MOTION, linearize, residuals_at, start_point
+from sma_sim.evidence.estimation.problem import AMBIENT, linearize, residuals_at, start_point
 from sma_sim.evidence.estimation.recording_differences import AMBIENT_STD, RecordingDifference, with_differences
 from sma_sim.evidence.estimation.residuals import Nuisance, fit_data, planned_run, predict
 from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.model_selection.candidates import Candidate
 from sma_sim.evidence.model_selection.differing_recordings import AMBIENT as UNKNOWN_ROOM
 from sma_sim.evidence.model_selection.differing_recordings import IN_MOTION, promises, with_difference
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
+from sma_sim.evidence.model_selection.refit import without_effect
+from sma_sim.evidence.model_selection.score_tests import ScreeningResult
+from sma_sim.evidence.model_selection.sketches import with_candidate
 from sma_sim.evidence.search.components import Component
 from sma_sim.evidence.search.refine import Model, without_difference
 from sma_sim.solver.inputs import Input, inputs_at
@@ -33,6 +38,7 @@ from sma_sim.words.diagnosis_text import as_text
 NOISE = {'U_y': 1e-5, 'alpha': 3.5e-4, 'F_1': 0.02, 'F_2': 0.02}
 COMMANDS = ((10.0, -8.0), (-9.0, 12.0), (8.0, -11.0), (-12.0, 7.0))
 OPTIONS = FitOptions(free=('beam.E', 'wire.lambda'), kinetics='hybrid', starts=1, intervals=False)
+DRIVER_LAG, CREEP = active('driver_lag', tau=1.0), active('beam_creep')
 UNPOWERED = RecordingDifference('the power of one side', unpowered_side=1, recordings=('run1',))
 REQUEST = DiagnosisRequest(kinetics='hybrid', options=OPTIONS, equation=False, variants=False)
 
@@ -114,10 +120,11 @@ def test_what_is_promised_at_the_nominal_parameters():
     assert room > 0.5 * squares and room > max(found.values())
 
 
-def pieces(cuts=(9.0, 17.0, 28.0), length=10.0):
+def pieces(cuts=(9.0, 17.0, 28.0), length=10.0, effects=()):
     """Pieces of one long recording, whose wires are warm from before where they begin, and how warm they were [K]."""
     times, powers = [0.0, 2.0, 8.5, 14.0, 16.0, 22.0, 27.0, 33.0, 40.0], [0.0, 10.0, 0.0, -9.0, 8.0, 0.0, -12.0, 6.0, 6.0]
-    run, random = sma_sim.simulate(sma_sim.Model(), sma_sim.module_input(times, powers), 10.0), np.random.default_rng(5)
+    model, random = sma_sim.Model(sma_sim.Config(effects=effects)), np.random.default_rng(5)
+    run = sma_sim.simulate(model, sma_sim.module_input(times, powers), 10.0)
     columns = {'U_y': 'U_y_m', 'alpha': 'alpha_rad', 'F_1': 'F_1_N', 'F_2': 'F_2_N'}
     found, warm = [], {}
     for k, cut in enumerate(cuts, start=1):
@@ -173,19 +180,45 @@ def test_a_fit_and_a_comparison_are_told_that_recordings_may_begin_in_motion(tmp
 
 
 def test_the_derivatives_in_what_is_left_of_a_motion_are_those_of_the_residuals():
+    """Of the states of an effect too, such as the power that a driver still gives."""
     dataset = with_differences(sma_sim.Dataset(pieces()[0][:1], NOISE), (IN_MOTION,))
-    problem = problem_for(dataset, sma_sim.Config(), OPTIONS, 5, step_limited=False)
+    problem = problem_for(dataset, sma_sim.Config(effects=(DRIVER_LAG,)), OPTIONS, 5, step_limited=False)
     z = start_point(problem)
-    own = [at for unknown in LEFT_OF_MOTION.values() for at in problem.places(problem.runs[0], unknown)]
-    z[own] = [0.5, 0.2, 0.0, 0.1, 0.1, 0.0, 0.0, 0.0]
+    own = range(len(z) - len(problem.beginning_std(problem.runs[0]).values), len(z))
+    z[own] = [0.5, 0.2, 0.0, 0.1, 0.1, 0.0, 0.0, 0.0, 0.3, 1.0]
     with executor_or_threads(None) as pool:
         (linear,) = linearize(problem, z, pool)
-        for k in own[:5]:
+        for k in (*own[:5], *own[-2:]):
             moved = [
                 residuals_at(problem.at_tolerance(1e-7), z + step * np.eye(len(z))[k], pool)[0] for step in (1e-3, -1e-3)
             ]
             expected = (moved[0] - moved[1]) / 2e-3
             assert linear.jacobian[k] == pytest.approx(expected, abs=0.02 * np.abs(expected).max())
+
+
+def test_the_states_of_effects_begin_where_a_recording_says():
+    """A held-out one from its first tenth: a driver that is still at the power of a command before it heats on."""
+    moving = tuple(replace(one, in_motion=True) for one in pieces(effects=(DRIVER_LAG,))[0])
+    found = sma_sim.evaluate_held_out(sma_sim.Config(effects=(DRIVER_LAG,)), sma_sim.Dataset(moving, NOISE))
+    assert max(fit.error for fit in found) < 1.1
+    (name, powers), *_ = found[0].beginning.states
+    assert name == 'driver_lag' and len(powers) == 2
+
+
+def test_the_unknown_states_of_an_effect_come_and_go_with_it():
+    """Whatever stands behind them among the unknowns keeps its value; of a recording at rest there are none."""
+    screened, own = ScreeningResult(Candidate(DRIVER_LAG.found, ()), 0.0, {'tau': 0.5}), ['states.driver_lag'] * 2
+    at_rest = problem_for(sma_sim.Dataset(pieces()[0][:2], NOISE), sma_sim.Config(effects=(CREEP,)), OPTIONS, 5)
+    for problem in (at_rest, with_difference(at_rest, start_point(at_rest), IN_MOTION)[0]):
+        z = np.arange(0.1, len(problem.unknowns) / 10.0 + 0.05, 0.1)
+        larger, there = with_candidate(FitResult(problem, z, 1.0), screened)
+        states = own * (len(larger.unknowns) - len(problem.unknowns) > 2)
+        names = [[unknown.name for unknown in one.own(one.runs[1])] for one in (problem, larger)]
+        behind = next((k for k, name in enumerate(names[0]) if name == 'states.beam_creep'), len(names[0]))
+        assert names[1] == [*names[0][:behind], *states, *names[0][behind:]] and (problem is at_rest) == (not states)
+        assert len(there) == len(larger.unknowns)
+        again, back = without_effect(FitResult(larger, there, 1.0), 'driver_lag')
+        assert again.unknowns == problem.unknowns and (back == z).all()
 
 
 def test_a_motion_before_is_proposed_where_first_samples_are_not_those_at_rest():

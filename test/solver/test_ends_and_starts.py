@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.optimize import brentq
-from systems import WHOLE_ROWS, evaluate, make_model
+from systems import WHOLE_ROWS, active, evaluate, make_model
 from test_stack import stack
 
 from sma_sim import Config, Input, Model, module_input, simulate
@@ -210,17 +210,23 @@ def test_a_series_starts_at_rest_whatever_bends_it(given):
 @pytest.mark.parametrize('system', ['module', 'lever', 'slider', 'stack'])
 def test_a_run_may_begin_in_motion(system, kind):
     """Wires that are warm, one on sigma_M as when it is heated, the others on sigma_A as when they cool; the pose is not
-    where forces balance, and moves. With nothing left of a motion, the pose is that at rest. It comes to rest in the end."""
-    model = Model(Config(system=system).variant(kinetics=kind))
+    where forces balance, and moves. With nothing left of a motion, the pose is that at rest. It comes to rest in the end.
+    States of effects are as far from their first values as is said, of those that change the stress of wires too."""
+    effects = [active(name) for name in ('driver_lag', 'functional_fatigue', 'sensor_lag')]
+    model = Model(Config(system=system, effects=effects).variant(kinetics=kind))
     p, n = model.compiled, model.compiled.coordinates
     u, warm = np.array([*np.zeros(len(model.structure.input_columns) - 1), 298.0]), 20.0 + np.arange(p.wires)
     parts = (1.0, *np.zeros(p.wires - 1))
     still = new_run(model, u, new_work(model), parts, Beginning(tuple(warm), (0.0,) * n, (0.0,) * n)).state
     moved = 0.05 * np.array(channel_scales(model.structure)[:n])
-    run = new_run(model, u, new_work(model), parts, Beginning(tuple(warm), tuple(moved), tuple(2.0 * moved)))
+    states = {'functional_fatigue': tuple(0.5 + np.arange(p.wires)), 'sensor_lag': tuple(moved)}
+    left = Beginning(tuple(warm), tuple(moved), tuple(2.0 * moved), tuple(states.items()))
+    run = new_run(model, u, new_work(model), parts, left)
     y = run.state.y
     assert y[p.first_T : p.first_T + p.wires] == pytest.approx(298.0 + warm)
     assert y[:n] == pytest.approx(still.y[:n] + moved) and y[n : 2 * n] == pytest.approx(2.0 * moved)
+    first = [*np.zeros(p.wires), *states['functional_fatigue'], *(y[:n] + moved)]
+    assert y[-len(first) :] == pytest.approx(first)
     cold = new_run(model, u, new_work(model), parts, Beginning((0.0,) * p.wires, (0.0,) * n, (0.0,) * n)).state
     assert cold.y[:n] == pytest.approx(new_run(model, u, new_work(model), parts).state.y[:n])
     found = Evaluation(np.zeros_like(y), new_findings(p))

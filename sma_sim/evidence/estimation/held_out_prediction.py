@@ -100,9 +100,9 @@ def point_with(problem: Problem, known: Sequence[float], fits: Sequence[RunFit])
     for run, fit in zip(problem.runs[len(problem.runs) - len(fits) :], fits, strict=True):  # in the order of Problem.own
         ambient = [fit.ambient / fit.ambient_std] if fit.ambient_std > 0.0 else []
         z += [*map(START.coordinate, fit.start), *map(SWITCH.coordinate, fit.switches), *ambient]
-        stds = run.beginning_std.values
-        moving = (0.0,) * len(stds) if fit.beginning.is_at_rest else fit.beginning.values
-        z += [value / std for value, std in zip(moving, stds, strict=True)]
+        left = fit.beginning.parts
+        for kind, stds in problem.beginning_std(run).parts.items():
+            z += [value / std for value, std in zip(left.get(kind) or (0.0,) * len(stds), stds, strict=True)]
     return start_point(problem, np.array(z))
 
 

@@ -20,11 +20,12 @@ from numpy.typing import NDArray
 from sma_sim.evidence.estimation.executors import PickledConfig, in_turn, workers_of
 from sma_sim.evidence.estimation.free_parameters import FreeParameter
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
-from sma_sim.evidence.estimation.residuals import FitData, Nuisance, residuals_of_all
+from sma_sim.evidence.estimation.residuals import FitData, Nuisance, residuals_of_all, with_states
 from sma_sim.evidence.estimation.run_tangents import TangentTask, linearized_by_tangents, tangents_apply
 from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import Config
 from sma_sim.model.effects.ports import PORT_NAMES, SENSING
+from sma_sim.solver.beginning import Beginning
 from sma_sim.solver.sensitivities import DELTA
 from sma_sim.solver.simulate import SimulationError
 
@@ -41,9 +42,7 @@ START = FreeParameter('start', 0.5, 0.5, -1.0, 1.0, False, '-')
 AMBIENT = FreeParameter('ambient', 0.0, 1.0, -5.0, 5.0, False, 'K')  # in standard deviations of the recording's prior
 # What is left of a motion before a recording (`Beginning`), in standard deviations of the recording's prior.
 WARMTH = FreeParameter('warmth', 0.0, 1.0, 0.0, 6.0, False, '-')
-POSE = FreeParameter('pose', 0.0, 1.0, -6.0, 6.0, False, '-')
-RATES = replace(POSE, name='rates')
-LEFT_OF_MOTION = {unknown.name: unknown for unknown in (WARMTH, POSE, RATES)}
+MOTION = FreeParameter('motion', 0.0, 1.0, -6.0, 6.0, False, '-')  # of each further kind, by the name of that
 MEDIAN_WARMTH = 0.6745  # of its prior, half a normal one
 SWITCH = FreeParameter('switch', 0.5, 0.288675, -1.73, 1.73, False, '-')  # uniform in the interval: its mean and std
 HUBER_CORNER = 3.0  # residual, in units of the noise, from which a robust loss grows linearly
@@ -84,11 +83,13 @@ class Problem:
     def own(self, run: FitData) -> tuple[FreeParameter, ...]:
         """The unknowns of one run."""
         at_rest = (START,) * run.starts + (SWITCH,) * run.groups + (AMBIENT,) * (run.ambient_std > 0.0)
-        return at_rest + self.of_beginning(run)
+        kinds = (kind for kind, stds in self.beginning_std(run).parts.items() for _ in stds)
+        return at_rest + tuple(WARMTH if kind == WARMTH.name else replace(MOTION, name=kind) for kind in kinds)
 
-    def of_beginning(self, run: FitData) -> tuple[FreeParameter, ...]:
-        """The unknowns of one run that say where it begins, the last of its own: in the order of `Beginning.values`."""
-        return tuple(LEFT_OF_MOTION[kind] for kind, stds in run.beginning_std.parts.items() for _ in stds)
+    def beginning_std(self, run: FitData) -> Beginning:
+        """The priors of what is left of a motion before a run, of the states of this model's effects too: of the last of its
+        own unknowns, in the order of their `values`."""
+        return run.beginning_std if run.beginning_std.is_at_rest else with_states(run, self.config)
 
     def places(self, run: FitData, unknown: FreeParameter) -> list[int]:
         """Where the unknowns of a kind are among those of one run, after the shared ones."""
@@ -131,8 +132,8 @@ class Problem:
         ambient = run.ambient_std * float(part[last:end].sum())
         beginning = run.known_beginning
         if run.is_in_motion:
-            pairs = zip(run.beginning_std.values, part[end:].tolist(), strict=True)
-            beginning = run.beginning_std.with_values(std * x for std, x in pairs)
+            stds = self.beginning_std(run)
+            beginning = stds.with_values(std * x for std, x in zip(stds.values, part[end:].tolist(), strict=True))
         delay = 0.0 if run.is_quasi_static else self.delay_at(part)
         return Nuisance(delay, start, switches, run.is_quasi_static, ambient, beginning)
 
@@ -174,18 +175,27 @@ class Problem:
 
 def values_in_order(known: Sequence[FreeParameter], values: Vector, asked: Sequence[FreeParameter]) -> Vector:
     """The values (n,) of some unknowns of one run, from those of other ones; 0 of what is not among them."""
-    by_kind = {
-        one.name: iter([v for k, v in zip(known, values.tolist(), strict=True) if k.name == one.name]) for one in known
-    }
-    return np.array([next(by_kind.get(one.name, iter(())), 0.0) for one in asked])
+    return np.append(values, 0.0)[places_among(known, asked)]
+
+
+def places_among(known: Sequence[FreeParameter], asked: Sequence[FreeParameter]) -> list[int]:
+    """Where unknowns of one run are among other ones, the first of a kind where the first of that is; behind all of what is
+    not among them."""
+    by_kind = {one.name: iter([k for k, other in enumerate(known) if other.name == one.name]) for one in known}
+    return [next(by_kind.get(one.name, iter(())), len(known)) for one in asked]
 
 
 def with_own_unknowns(problem: Problem, z: Vector, other: Problem) -> Vector:
     """The point z of a problem as another one has it, whose runs, the same, have other unknowns of their own: what is new at
     0."""
+    return np.concatenate([z[: len(problem.shared)], own_values(problem, z, other)])
+
+
+def own_values(problem: Problem, z: Vector, other: Problem) -> Vector:
+    """What z says of each run alone, as another problem of the same runs has it: what is new at 0."""
     pairs, shared = zip(problem.runs, problem.indices(), other.runs, strict=True), len(problem.shared)
     own = [values_in_order(problem.own(run), z[at[shared:]], other.own(there)) for run, at, there in pairs]
-    return np.concatenate([z[:shared], *own])
+    return np.concatenate([np.zeros(0), *own])
 
 
 @dataclass(frozen=True)

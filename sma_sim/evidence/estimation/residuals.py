@@ -21,7 +21,7 @@ from sma_sim.model.structures.structure import Structure
 from sma_sim.model.unit_mismatch import SLOW_STEP
 from sma_sim.solver.beginning import AT_REST, Beginning
 from sma_sim.solver.clock import seen_at
-from sma_sim.solver.effect_table import channel_scales
+from sma_sim.solver.effect_table import channel_scales, sizes_of_states
 from sma_sim.solver.inputs import Input, inputs_at
 from sma_sim.solver.integrate import Run
 from sma_sim.solver.model import Model
@@ -219,6 +219,17 @@ def beginning_stds(structure: Structure) -> Beginning:
     sizes = channel_scales(structure)[: len(structure.coordinates)]
     warmth = (WARMTH_STD,) * (structure.wires if structure.imposed_temperature < 0 else 0)
     return Beginning(warmth, tuple(sizes), tuple(size / USUAL_TIME for size in sizes))
+
+
+def with_states(run: FitData, config: Config) -> Beginning:
+    """The priors of what is left of a motion before a run, with those of the extra states of a model's effects: as far from
+    their first values as their sizes, which is what they usually change by; one of copies that wires share."""
+    on_bench = run.on_bench(config)
+    sizes = sizes_of_states(on_bench.effects, on_bench.structure.structure)
+    effects = {active.found.effect.name: active.found.effect for active in on_bench.effects}
+    shared = [len(effects[name].states) if effects[name].scope.shared else len(own) for name, own in sizes.items()]
+    states = tuple((name, own[:count]) for (name, own), count in zip(sizes.items(), shared, strict=True))
+    return replace(run.beginning_std, states=states)
 
 
 def thinned_rows(known: Sequence[NDArray[np.bool_]], every: int) -> NDArray[np.bool_]:

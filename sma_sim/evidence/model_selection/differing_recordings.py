@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from sma_sim.evidence.estimation.problem import AMBIENT as ROOM
 from sma_sim.evidence.estimation.problem import (
     AMBIENT_STEP,
-    LEFT_OF_MOTION,
     LinearizedRun,
     Problem,
     linearize,
@@ -110,7 +109,8 @@ def motion_before(problem: Problem, context: SearchContext) -> Promise | None:
         return None
     at_rest, left = responses_of([one for one, _ in pairs], len(middle))
     with_motion, _ = responses_of([one for _, one in pairs], len(z))
-    new = [k for k, unknown in enumerate(moving.unknowns) if unknown.name in LEFT_OF_MOTION]
+    known = map(len, map(early.own, early.runs))
+    new = np.concatenate([at[len(early.shared) + count :] for at, count in zip(moving.indices(), known, strict=True)])
     rest = np.eye(len(left)) + at_rest @ at_rest.T
     both = rest + with_motion[:, new] @ with_motion[:, new].T
     explained = left @ (np.linalg.solve(rest, left) - np.linalg.solve(both, left))

@@ -12,7 +12,7 @@ import numpy as np
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import declared_parameters, default_names, free_parameter
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize, with_early_stopping
-from sma_sim.evidence.estimation.problem import Problem
+from sma_sim.evidence.estimation.problem import Problem, own_values
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, StopCriteria
 from sma_sim.evidence.model_selection.candidates import Candidate
@@ -52,9 +52,9 @@ def without_effect(fit: FitResult, effect: str) -> tuple[Problem, Vector]:
     problem, prefix = fit.problem, f'effects.{effect}.'
     kept = [k for k, p in enumerate(problem.free) if not p.name.startswith(prefix)]
     fewer = tuple(active for active in problem.config.effects if active.found.effect.name != effect)
-    rest = np.arange(len(problem.free), len(fit.z))
-    smaller = replace(problem, config=replace(problem.config, effects=fewer), free=tuple(problem.free[k] for k in kept))
-    return smaller, fit.z[[*kept, *rest]]
+    kept_free, shared = tuple(problem.free[k] for k in kept), np.arange(len(problem.free), len(problem.shared))
+    smaller = replace(problem, config=replace(problem.config, effects=fewer), free=kept_free)
+    return smaller, np.concatenate([fit.z[[*kept, *shared]], own_values(problem, fit.z, smaller)])
 
 
 def with_other_kinetics(fit: FitResult) -> tuple[Problem, Vector]:

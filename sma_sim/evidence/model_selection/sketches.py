@@ -24,6 +24,8 @@ from sma_sim.evidence.estimation.problem import (
     linearize,
     near,
     own_derivatives,
+    own_values,
+    places_among,
     residuals_at,
 )
 from sma_sim.evidence.estimation.search_context import SearchContext
@@ -49,8 +51,9 @@ def with_candidate(base: FitResult, screened: ScreeningResult) -> tuple[Problem,
             new.append(free)
             start.append(float(np.clip(free.coordinate(screened.values[p.name]), free.low, free.high)))
     at = len(problem.free)
-    z = np.concatenate([base.z[:at], start, base.z[at:]])
-    return replace(problem, config=config, free=(*problem.free, *new)), z
+    larger = replace(problem, config=config, free=(*problem.free, *new))
+    z = np.concatenate([base.z[:at], start, base.z[at : len(problem.shared)], own_values(problem, base.z, larger)])
+    return larger, z
 
 
 def at_prior_means(base: FitResult) -> FitResult:
@@ -122,7 +125,7 @@ def sketch(
 ) -> FitResult | None:
     """The sketch of one candidate; None where the model cannot be run at its start. `limits`: damping and target."""
     problem, z = with_candidate(start, screened)
-    first = len(start.problem.free)
+    first, shared = len(start.problem.free), len(start.problem.shared)
     own = range(first, len(problem.free))
     base = residuals_at(problem, z, context.pool)
     corrections = smoothing_at(problem, z, base, [run.correction for run in linear], context.pool)
@@ -132,7 +135,9 @@ def sketch(
         here, rows = base[j], derivatives[j]
         if here is None or rows is None:
             return None
-        jacobian = np.concatenate([run.jacobian[:first], rows, run.jacobian[first:]])
+        order = places_among(start.problem.own(start.problem.runs[j]), problem.own(problem.runs[j]))
+        of_run = np.concatenate([run.jacobian[shared:], np.zeros((1, *here.shape))])[order]  # of new states nothing is known
+        jacobian = np.concatenate([run.jacobian[:first], rows, run.jacobian[first:shared], of_run])
         joint.append(LinearizedRun(indices, here, jacobian, corrections[j]))
     least = SKETCH_DECREASE * min(start.cost, float(problem.samples))
     damping, target = limits

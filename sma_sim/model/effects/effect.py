@@ -106,7 +106,8 @@ class Effect:
     kernels : tuple of (str, callable)
         Kernels that take the place of `kernel` on some systems, by name: on those that have other coordinates.
     states, scale : tuple
-        Names of the extra states, and their sizes for the error control (relative to its channel on sensing).
+        Names of the extra states, and what they usually change by (relative to its channel on sensing): for the error
+        control, and for where they may be when a recording does not begin at rest.
     rate, start : callable, optional
         The derivatives of the extra states, and their first values (default 0).
     stage : str
