@@ -85,7 +85,10 @@ def wire_run(truth, seed, noise):
     return Recording(f'run{seed}', 'wire', samples, channels, source)
 
 
-@pytest.mark.parametrize(('noise', 'verdict'), [({'stress': 1e6}, 'none'), ({'stress': 1e6, 'T': 0.2}, 'missing_effect')])
+@pytest.mark.parametrize(
+    ('noise', 'verdict'),
+    [({'stress': 1e6}, 'none'), pytest.param({'stress': 1e6, 'T': 0.2}, 'missing_effect', marks=pytest.mark.slow)],
+)
 def test_a_gain_of_the_power_of_a_wire(effects, noise, verdict):
     """With the temperature measured it shows as latent heat: c_V and lambda absorb the rest. It is named as the same."""
     truth = with_effect(scaled(config('mas', 'wire'), wire__c_V=0.93), effects['power_gain'], {'g': 1.25})

@@ -85,7 +85,7 @@ def test_where_nothing_changes_nothing_is_said():
     [
         ('gravity', {'g_y': -2.0}),
         pytest.param('wire.lambda', {'wire.lambda': 0.1}, marks=pytest.mark.slow),
-        ('joint_friction', {'M_c': 0.005}),
+        pytest.param('joint_friction', {'M_c': 0.005}, marks=pytest.mark.slow),
         pytest.param('sensor_jump', {'alpha': 0.002}, marks=pytest.mark.slow),
         pytest.param('T_E', {'T_E': 3.0}, marks=pytest.mark.slow),
         pytest.param('lost_wires', {'part': 0.1}, marks=pytest.mark.slow),
@@ -159,6 +159,7 @@ def test_a_model_that_is_some_per_cent_off_is_no_change():
     assert uncalibrated.error > 3.0
 
 
+@pytest.mark.slow
 def test_what_begins_is_named_beside_a_model_that_is_off():
     found = followed('gravity', {'g_y': -2.0}, off=OFF).evaluate()
     assert found.findings[0].name == 'gravity' and found.findings[0].probability > 0.9
@@ -176,6 +177,7 @@ def test_a_change_that_is_in_no_list_is_said_to_be_so():
     assert verdict.has_changed and verdict.findings[0].name == 'not listed'
 
 
+@pytest.mark.slow
 def test_a_law_that_is_in_no_list_leaves_doubt():
     """A friction grows whose law the library does not have: what fits best is not certain, and the kind of it is found."""
     friction = named_truth('joint_friction').active({'M_c': 0.004, 'w_c': 0.0022})
@@ -185,6 +187,7 @@ def test_a_law_that_is_in_no_list_leaves_doubt():
     assert 0.1 < probability['not listed'] < 0.5 and sum(probability.values()) == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_a_command_is_proposed_that_tells_the_leading_causes_apart():
     found = followed('gravity', {'g_y': -2.0})
     assert found.deciding_command((10.0, -10.0)) is None  # nothing was compared yet

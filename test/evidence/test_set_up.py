@@ -312,6 +312,7 @@ def test_a_noise_that_is_stated_too_large_is_found_where_a_fit_leaves_less(runs)
     assert all('too large' in fault.words for fault in found.set_up)
 
 
+@pytest.mark.slow
 def test_a_noise_that_is_stated_too_large_is_found_beside_the_effect_that_hid_it(with_gravity):
     large = replace(with_gravity, noise_std={name: 3.0 * std for name, std in with_gravity.noise_std.items()})
     found = diagnosed(large)
