@@ -243,10 +243,9 @@ def settle(book: Book, context: SearchContext) -> None:
 
 
 def bare(book: Book) -> Model:
-    """The nominal model where the parameters of the best one lie; as it was fitted, where that has what a recording has its
-    own."""
-    with_differences = any(one.is_difference for one in book.best.components)
-    return book.ranked(0)[0] if with_differences else stripped(book.best, book.best.components)
+    """The nominal model with the kinetics of the best one, as it was fitted: its residuals are small enough there for first
+    order to hold, which they need not be where the parameters of the best one lie without its effects."""
+    return book.models[frozenset(), book.best.key[1]]
 
 
 def stripped(model: Model, replaced: Sequence[Component]) -> Model:
