@@ -1,7 +1,9 @@
 """Equations of what nobody listed: terms, the files made of them, and the search that finds them."""
 
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 from threading import Event
 from types import SimpleNamespace
 
@@ -10,8 +12,9 @@ import pytest
 from simulated_data import command, config
 
 from sma_sim import Effect, Parameter, find_effects, simulate
-from sma_sim.challenge.make import RecordingPlan, make_challenge
+from sma_sim.challenge.make import RecordingPlan, challenge_with, make_challenge
 from sma_sim.evidence.data.train_test_split import hold_out_last
+from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.estimation.calibrate import FitOptions, problem_for
 from sma_sim.evidence.estimation.prepared_fit import prepare
 from sma_sim.evidence.estimation.problem import start_point
@@ -53,6 +56,9 @@ SHAPES = {
     'fixed': 1.5,
 }
 TIMES = np.linspace(0.0, 30.0, 121)
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'benchmarks'))
+from other_form_truths import FORMS  # noqa: E402
 
 
 def fit_of(location, term, coefficient):
@@ -234,6 +240,16 @@ def test_the_equation_of_a_hidden_effect_is_found(ripple):
     scale = proposal.fit.values['beam.E'] / case.robot.parameters['beam.E']  # of all forces, which only the priors tell
     assert abs(values['c']) == pytest.approx(scale * true['M_0'], rel=0.1)
     assert 2.0 * np.pi / values['k'] == pytest.approx(true['period'], rel=0.05)
+
+
+@pytest.mark.slow
+def test_a_law_is_found_that_two_effects_imitate_where_the_parameters_lie_elsewhere():
+    """Stresses that rise by g (T - T_E)^2: an R-phase and another latent heat do the same, at parameters that mean nothing
+    without them, where responses to terms mean nothing."""
+    case = challenge_with((FORMS['curved_slopes'].truth,), 481, True)
+    found = diagnose(case.dataset, case.nominal)
+    assert found.verdict == 'unknown_effect' and found.posterior.unlisted > 0.99
+    assert found.proposal.formula.name in ('proposed_stress_T_square', 'proposed_stress_T_abs')
 
 
 def test_the_choice_is_as_firm_as_the_data(ripple):
