@@ -84,7 +84,7 @@ def write_outputs(
     if arguments.out:
         written = write_improved(arguments.out, found, folders_beside(arguments, arguments.out))
     rivals = confounded(found)
-    command = next_command(arguments, rivals) if rivals else ''
+    command = next_command(arguments, rivals, found) if rivals else ''
     if arguments.json:
         offered = {'next': {'between': list(rivals), 'command': command}} if rivals else {}
         write_json(arguments.json, as_data(found, written) | offered)
@@ -96,11 +96,11 @@ def write_outputs(
     return written
 
 
-def next_command(arguments: argparse.Namespace, rivals: Sequence[str]) -> str:
+def next_command(arguments: argparse.Namespace, rivals: Sequence[str], found: Diagnosis) -> str:
     """The command that designs an experiment between these explanations, on the same data and model."""
     given = [*(['--config', str(arguments.config)] if arguments.config else [])]
     given += [*(['--map', str(arguments.map)] if arguments.map else [])]
     given += [*(['--system', arguments.system] if arguments.system else [])]
     for option, values in (('--set', arguments.words), ('--effect', arguments.effects), ('--noise', arguments.noise)):
         given += [word for value in values for word in (option, value)]
-    return command_between(rivals, arguments.data, given)
+    return command_between(rivals, arguments.data, given, found)

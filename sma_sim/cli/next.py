@@ -10,6 +10,7 @@ from typing import Any
 from sma_sim.cli.common.commands import add_command
 from sma_sim.cli.common.data import (
     EXIT_INTERRUPTED,
+    add_beginning_option,
     add_data_options,
     add_search_options,
     chosen_executor,
@@ -31,6 +32,7 @@ from sma_sim.model.given import effect_folders_of
 from sma_sim.model.shown import text_table
 from sma_sim.report.html.design_page import write_design_page
 from sma_sim.words.experiment_design import (
+    BEGINS_IN_MOTION,
     channels_sentence,
     indistinguishable_sentences,
     limits_table,
@@ -44,6 +46,7 @@ def add_parser(verbs: Any) -> None:
     """Declare the verb."""
     parser = add_command(verbs, 'next', 'design the experiment that separates explanations, or determines parameters better')
     add_data_options(parser)
+    add_beginning_option(parser)
     parser.add_argument(
         '--between',
         nargs='+',
@@ -122,6 +125,8 @@ def request_from(arguments: argparse.Namespace) -> DesignRequest:
 
 def plan_text(plan: Plan, asked: Collection[str]) -> Iterator[str]:
     """The result for the terminal, by names of the parameters that were asked for."""
+    if plan.in_motion:
+        yield BEGINS_IN_MOTION
     rows = len(as_rows(plan.levels, plan.grid)[0]) - 1
     yield (
         f'Designed a sequence of {rows} levels in {plan.grid.length:g} s, each held for {plan.grid.hold:g} s or longer: '

@@ -208,7 +208,8 @@ def diagnose_version(order: WorkOrder) -> bool:
         out = order.output(PARAMETERS)
         written = write_improved(out, found, folders_from(out, order.effect_folders()))
         rivals = confounded(found)
-        command = command_between(rivals, [], [*order.request.options(), '--config', str(order.file)]) if rivals else ''
+        given = [*order.request.options(), '--config', str(order.file)]
+        command = command_between(rivals, [], given, found) if rivals else ''
         offered = {'next': {'between': list(rivals), 'command': command}} if rivals else {}
         write_json(order.output(RESULT), as_data(found, written) | offered)
         review = reviewed(found, fitted, held_out, order.config())

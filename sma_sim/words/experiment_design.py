@@ -41,6 +41,7 @@ def plan_data(plan: Plan) -> dict[str, Any]:
         },
         'further_channels': [channel_data(channel) for channel in plan.further_channels],
         'tried': plan.evaluated,
+        'in_motion': plan.in_motion,
         'interrupted': plan.interrupted,
         'seconds': plan.seconds,
     }
@@ -98,6 +99,12 @@ def limits_table(plan: Plan) -> TextTable:
     }
     rows = [(name, f'{x:.4g}', f'{most:.4g}', unit, plan.limits_from[name]) for name, (x, most, unit) in reached.items()]
     return ('under every hypothesis and draw', 'reached', 'limit', 'unit', 'limit from'), rows
+
+
+BEGINS_IN_MOTION = (
+    'The recordings do not begin at rest, by their first samples, and are taken to: what is left of a motion before them '
+    'bends every explanation. Add --in-motion.'
+)
 
 
 def indistinguishable_sentences(plan: Plan) -> Iterator[str]:

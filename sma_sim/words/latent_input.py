@@ -26,6 +26,11 @@ def verdict_sentences(found: LatentInputs) -> Iterator[str]:
         yield f'  the normalized RMSE falls from {found.error:.2f} to {best.error:.2f} with it'
         for name, why in found.indistinguishable.items():
             yield f'  these data do not distinguish it from {name}: {why}'
+    if found.in_motion:
+        yield (
+            'the recordings do not begin at rest, by their first samples, and are taken to: what is left of a motion before '
+            'them passes for an input; sma-sim diagnose estimates how warm wires were'
+        )
     if found.findings:
         yield f'{found.model} model, {", ".join(found.runs)}: normalized RMSE {found.error:.2f}'
     if found.interrupted:
@@ -65,6 +70,7 @@ def latent_data(found: LatentInputs) -> dict[str, Any]:
         'noise_widened': found.noise_inflation,
         'runs': list(found.runs),
         'ports': [finding_data(found, finding) for finding in found.findings],
+        'in_motion': found.in_motion,
         'interrupted': found.interrupted,
         'seconds': found.seconds,
     }

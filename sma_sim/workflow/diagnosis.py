@@ -48,6 +48,7 @@ def confounded(found: Diagnosis) -> tuple[str, ...]:
     return ()
 
 
-def command_between(rivals: Sequence[str], data: Sequence[Path], options: Sequence[str]) -> str:
-    """The command that designs an experiment between explanations, on data and with further options."""
+def command_between(rivals: Sequence[str], data: Sequence[Path], options: Sequence[str], found: Diagnosis) -> str:
+    """The command that designs an experiment between explanations that were found, on data and with further options."""
+    options = [*options, *(['--in-motion'] if any(difference.in_motion for difference in found.differences) else [])]
     return shlex.join(['sma-sim', 'next', *map(str, data), '--between', *rivals, *options, '-o', 'next.csv'])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from simulated_data import NOISE, config, dataset
 
-from sma_sim import Config
+from sma_sim import Config, UserError
 from sma_sim.challenge.files import write_challenge
 from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.cli import latent as latent_command
@@ -94,6 +94,17 @@ def test_a_search_that_was_stopped_at_once_says_nothing_of_ports(shaken):
     stopped = replace(found, verdict='none', indistinguishable={}, findings=(), interrupted=True)
     assert list(verdict_sentences(stopped)) == ['stopped early, before any port was evaluated']
     assert list(verdict_sentences(replace(found, interrupted=True)))[-1] == 'stopped early'
+
+
+def test_recordings_that_do_not_begin_at_rest_are_said_to(shaken):
+    """What is left of a motion before them passes for an input; those of which it is known are refused."""
+    case, found = shaken
+    (said,) = [line for line in verdict_sentences(replace(found, in_motion=True)) if 'do not begin at rest' in line]
+    assert 'sma-sim diagnose' in said and not any('at rest' in line for line in verdict_sentences(found))
+    assert latent_data(replace(found, in_motion=True))['in_motion'] and not latent_data(found)['in_motion']
+    moving = tuple(replace(recording, in_motion=True) for recording in case.dataset.recordings)
+    with pytest.raises(UserError, match='run1, run2: latent takes recordings to begin at rest.*sma-sim diagnose'):
+        estimate_latent_inputs(replace(case.dataset, recordings=moving), case.nominal)
 
 
 def test_the_data_of_the_answer(shaken):

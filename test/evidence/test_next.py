@@ -23,7 +23,7 @@ from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.data.tables import write_columns
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.experiment_design import refitted_utilities, utilities
+from sma_sim.evidence.experiment_design import design, refitted_utilities, utilities
 from sma_sim.evidence.experiment_design.curves import best_hypothesis, hypothesis_curves
 from sma_sim.evidence.experiment_design.design import (
     best_plan,
@@ -56,7 +56,7 @@ from sma_sim.evidence.experiment_design.utilities import (
 )
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.report.html.design_page import write_design_page
-from sma_sim.words.experiment_design import channels_sentence, indistinguishable_sentences, plan_data
+from sma_sim.words.experiment_design import BEGINS_IN_MOTION, channels_sentence, indistinguishable_sentences, plan_data
 from sma_sim.workflow.diagnosis import confounded
 
 POSE = ('U_x', 'U_y', 'alpha')
@@ -328,12 +328,25 @@ def test_the_offered_command_is_one_that_next_takes():
     diagnose.add_parser(verbs)
     next.add_parser(verbs)
     words = ['diagnose', 'two words.csv', 'more', '--config', 'robot.yaml', '--set', 'beam.E=2e9', '--noise', 'alpha=1e-3']
-    command = diagnose.next_command(parser.parse_args(words), ('a+b', 'a+c'))
+    in_motion, at_rest = (Some(differences=(Some(in_motion=said),)) for said in (True, False))
+    command = diagnose.next_command(parser.parse_args(words), ('a+b', 'a+c'), in_motion)
     program, *rest = shlex.split(command)
     taken = parser.parse_args(rest)
     assert program == 'sma-sim' and taken.verb == 'next' and taken.between == ['a+b', 'a+c']
     assert [str(path) for path in taken.data] == ['two words.csv', 'more'] and str(taken.config) == 'robot.yaml'
     assert taken.words == ['beam.E=2e9'] and taken.noise == ['alpha=1e-3'] and str(taken.out) == 'next.csv'
+    assert taken.in_motion and '--in-motion' not in diagnose.next_command(parser.parse_args(words), ('a', 'b'), at_rest)
+
+
+def test_a_design_from_recordings_that_do_not_begin_at_rest_says_so(monkeypatch, rivals, tmp_path):
+    runs, plan = rivals
+    assert not plan.in_motion and BEGINS_IN_MOTION not in '\n'.join(next.plan_text(plan, ()))
+    for name, found in (('hypotheses_for', plan.hypotheses), ('best_plan', plan), ('begin_in_motion', True)):
+        monkeypatch.setattr(design, name, lambda *given, found=found: found)
+    moving = next_experiment(runs, config(), DesignRequest(BETWEEN, **SHORT))
+    assert moving.in_motion and plan_data(moving)['in_motion'] and [*next.plan_text(moving, ())][0] == BEGINS_IN_MOTION
+    write_design_page(tmp_path / 'page.html', moving, hypothesis_curves(moving))
+    assert BEGINS_IN_MOTION in (tmp_path / 'page.html').read_text()
 
 
 def test_a_parameter_that_a_default_sequence_tells_better_is_named():

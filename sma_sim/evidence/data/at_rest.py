@@ -16,7 +16,7 @@ MIN_RESTING = 10  # samples that tell where a robot rests, and that it has left
 EARLY_MOTION = 0.1  # of what a channel spans is no drift
 NOT_AT_REST = (
     'every model begins at rest in ambient temperature, and will be wrong where wires are warm from before, unless a '
-    'diagnosis finds how warm, or fit and compare are told by --in-motion'
+    'diagnosis finds how warm, or fit, compare and next are told by --in-motion'
 )
 MAX_LATE_COMMAND = 0.2  # [s] beyond the delays of sensors and messages that a fit estimates
 

@@ -61,6 +61,7 @@ from sma_sim.evidence.experiment_design.utilities import (
     information_gain,
     weak_directions,
 )
+from sma_sim.evidence.model_selection.differing_recordings import begin_in_motion
 from sma_sim.evidence.search.refine import WINDOW
 from sma_sim.model.argument_checks import checked
 from sma_sim.model.arrays import Matrix, Vector
@@ -158,8 +159,10 @@ def next_experiment(
     check_design_request(config, request)
     with executor_or_threads(executor) as pool, progress_in_words('designing', on_progress) as report:
         context = SearchContext(pool, Event(), report, request.folders, request.seed)
-        plan = best_plan(training, hypotheses_for(training, config, request, context), request, context)
-        return replace(plan, seconds=time.perf_counter() - t_start)
+        hypotheses = hypotheses_for(training, config, request, context)
+        moving = begin_in_motion(hypotheses[0].as_measured, context)
+        plan = best_plan(training, hypotheses, request, context)
+        return replace(plan, in_motion=moving, seconds=time.perf_counter() - t_start)
 
 
 def best_plan(

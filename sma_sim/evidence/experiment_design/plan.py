@@ -130,6 +130,8 @@ class Plan(Shown, Saved, Comparable):
         Whether Ctrl-C ended the search, and how long it took.
     further_channels
         What one sensor more would tell along the recordings, the best first; none after Ctrl-C.
+    in_motion
+        Whether the recordings more probably do not begin at rest, though nothing said so.
     """
 
     hypotheses: tuple[ModelHypothesis, ...]
@@ -147,6 +149,7 @@ class Plan(Shown, Saved, Comparable):
     interrupted: bool
     seconds: float
     further_channels: tuple[FurtherChannel, ...] = ()
+    in_motion: bool = False
 
     def facts(self) -> Mapping[str, str]:
         """What is to be known at a glance."""

@@ -16,7 +16,7 @@ from sma_sim.evidence.estimation.levenberg_marquardt import minimize
 from sma_sim.evidence.estimation.log_evidence import more_probable
 from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.prepared_fit import check_data, prepare
-from sma_sim.evidence.estimation.problem import accumulated, cost_at, measured_steps, normal_parts
+from sma_sim.evidence.estimation.problem import Problem, accumulated, cost_at, measured_steps, normal_parts
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS, StopCriteria
 from sma_sim.evidence.model_selection.candidates import Candidate, candidates_for
@@ -83,6 +83,11 @@ class ModelHypothesis:
     def shared(self) -> int:
         """How many unknowns all runs share: the free parameters and the delay."""
         return len(self.fitted.problem.shared)
+
+    @property
+    def as_measured(self) -> Problem:
+        """The problem with the noise as it was stated."""
+        return self.fitted.problem.weighted(self.noise_factor)
 
 
 def fit_base_model(training: Dataset, config: Config, models: Sequence[str], context: SearchContext) -> FitResult:

@@ -47,6 +47,7 @@ from sma_sim.evidence.latent_input.ranking import (
 )
 from sma_sim.evidence.latent_input.refinement import RefinedHypothesis, refine_hypotheses
 from sma_sim.evidence.latent_input.results import InputEstimate, InputFinding, LatentInputs
+from sma_sim.evidence.model_selection.differing_recordings import begin_in_motion
 from sma_sim.evidence.model_selection.nominal_fit import NOMINAL_STARTS, nominal_fit
 from sma_sim.evidence.model_selection.refit import refit, with_other_kinetics
 from sma_sim.evidence.search.posterior import EVEN
@@ -160,6 +161,11 @@ def estimate_latent_inputs(
             f'latent estimates inputs over time, which says nothing in a test with imposed stress and temperature '
             f'(system {config.system}): use sma-sim diagnose'
         )
+    if moving := [recording.name for recording in training.recordings if recording.in_motion]:
+        raise UserError(
+            f'{", ".join(moving)}: latent takes recordings to begin at rest, and these are said to be in motion: use '
+            'sma-sim diagnose, which estimates how warm wires were'
+        )
     with executor_or_threads(executor) as pool, progress_in_words('searching', on_progress) as report:
         context = SearchContext(pool, stop, report, (), request.seed)
         fitted = fitted_model(training, config, request, context)
@@ -247,6 +253,7 @@ def search_inputs(training: Dataset, fitted: FitResult, may_refit: bool, context
         tuple(run.name for run in problem.runs),
         False,
         0.0,
+        begin_in_motion(fitted.problem, context),
     )
     if may_refit and fitted.error > BIASED_FIT_ERROR:
         context.on_progress('fitting with a tempered likelihood')

@@ -89,6 +89,9 @@ class LatentInputs(Shown, Saved):
         Names of the runs that were searched.
     interrupted, seconds
         Whether Ctrl-C ended the search, and how long it took.
+    in_motion
+        Whether the recordings more probably do not begin at rest, as is taken for granted: what is left of a motion before
+        passes for an input.
     """
 
     verdict: str
@@ -104,6 +107,7 @@ class LatentInputs(Shown, Saved):
     runs: tuple[str, ...]
     interrupted: bool
     seconds: float
+    in_motion: bool = False
 
     def facts(self) -> Mapping[str, str]:
         """What is to be known at a glance; errors are root mean squares over the noise, 1 is perfect."""

@@ -117,6 +117,12 @@ def motion_before(problem: Problem, context: SearchContext) -> Promise | None:
     return Promise(IN_MOTION, float(explained - np.linalg.slogdet(both)[1] + np.linalg.slogdet(rest)[1]))
 
 
+def begin_in_motion(problem: Problem, context: SearchContext) -> bool:
+    """Whether recordings that are taken to begin at rest are more probable in motion, by their first samples."""
+    motion = motion_before(problem, context)
+    return motion is not None and motion.gain > 0.0
+
+
 def responses_of(linear: Sequence[LinearizedRun], unknowns: int) -> tuple[NDArray[np.float64], Vector]:
     """The derivatives (samples, unknowns) of the residuals of all runs, and these (samples,)."""
     rows = [np.zeros((run.residuals.size, unknowns)) for run in linear]

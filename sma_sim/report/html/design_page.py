@@ -16,6 +16,7 @@ from sma_sim.report.html.figures import add_band, add_curve, new_figure, small
 from sma_sim.report.html.page import Block, Bullets, Paragraph, Plot, Provenance, Section, Table, write_page
 from sma_sim.report.palette import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY
 from sma_sim.words.experiment_design import (
+    BEGINS_IN_MOTION,
     channels_sentence,
     indistinguishable_sentences,
     limits_table,
@@ -51,6 +52,8 @@ def write_design_page(
 
 def lead(plan: Plan) -> Iterator[Block]:
     """The sequence in a sentence."""
+    if plan.in_motion:
+        yield Paragraph(BEGINS_IN_MOTION, 'lead')
     rows = len(as_rows(plan.levels, plan.grid)[0]) - 1
     yield Paragraph(
         f'{rows} levels in {plan.grid.length:g} s, held for {plan.grid.hold:g} s or longer: '
