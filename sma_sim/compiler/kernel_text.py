@@ -102,8 +102,8 @@ def form_lines(parameters: int, field: str) -> list[str]:
         f'    f = p_[{parameters + MASK_FIELD}]',
         '    g = 1.0',
         '    if f >= 0.0:',
-        f'        h = math.tanh(({field}) / {at[2]})',
-        f'        g = math.exp({at[0]} * h + {at[1]} * h * h)',
+        f'        r = ({field}) / {at[2]}',
+        f'        g = math.exp({at[0]} * math.tanh(r) + {at[1]} * r * r / (1.0 + r * r))',
     ]
 
 

@@ -4,10 +4,12 @@ form.
 A scope is a mask that the compiled kernels read beside the effect's parameters: no scope compiles anything. An effect in a
 scope is named NAME@SCOPE. In another form its law is multiplied by a function of one field u of the state that it reads,
 
-    exp(form_1 h + form_2 h^2),    h = tanh(u/form_width),
+    exp(form_1 tanh r + form_2 r^2/(1 + r^2)),    r = u/form_width,
 
 which is 1 at the neutral values and never changes a sign: friction that builds up with the speed in another way, or that
-differs between the two directions, still dissipates. Of a temperature u is what it is above that of the surroundings.
+differs between the two directions, still dissipates. The odd part approaches its end as tanh does, the even one as a power:
+so friction that builds up as tanh(v/v_s) becomes v/sqrt(v^2 + v_s^2) to 0.5 % of itself. Of a temperature u is what it is
+above that of the surroundings.
 """
 
 from __future__ import annotations
