@@ -1,6 +1,7 @@
 """Whether a guard keeps the wires of simulated robots within their limits, and what that costs.
 
-    python benchmarks/guard.py [--robots 200] [--first 0] [--seconds 20] [--off 0.15] [--margin 2.0] [--hot] [--minutes 60]
+    python benchmarks/guard.py [--robots 200] [--first 0] [--seconds 20] [--off 0.15] [--margin 2.0] [--hot]
+        [--driver as_asked|gain|rising] [--minutes 60]
 
 A robot has MAS kinetics, parameters off by --off (each either way, the free length by up to 0.3 %), sensors with noise, and
 every second one a hidden effect. It is observed at 50 Hz with pose and forces, by a model with the nominal parameters,
@@ -10,13 +11,14 @@ commanded gently, so that no limit comes near. Reported are the largest excesses
 |alpha|) that is lost: of safe commands against no guard, of others against a guard that knows the true state. So is what a
 guard loses that knows all but the scale of T - T_E, which pose and forces do not tell, and keeps all such robots below
 T_MAX + 2 K. With --hot observer and guard start beside a robot whose wire was heated with full power to 1 K below the
-limit, and goes on to be. Finished robots are kept in --file, so that a run can be continued.
+limit, and goes on to be. With --driver gain the robot gets 1.4 times the power that it is sent, with rising as much more at
+full power only, by its square. Finished robots are kept in --file, so that a run can be continued.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from typing import Any, NamedTuple
 
@@ -37,6 +39,12 @@ from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS
 RATE = 50.0  # [Hz] of estimates and commands
 T_MAX, STRESS_MAX = 360.0, 250e6  # [K], [Pa]
 J_FULL, J_GENTLE = 25.0, 5.0  # [W]
+MORE = 0.4  # of the power that is sent, which a driver gives in addition
+DRIVERS: dict[str, Callable[[float], float]] = {
+    'as_asked': lambda J: J,
+    'gain': lambda J: (1.0 + MORE) * J,
+    'rising': lambda J: (1.0 + MORE * (J / J_FULL) ** 2) * J,
+}
 CHANNELS = ('U_x', 'U_y', 'alpha', 'F_1', 'F_2')
 Vector = NDArray[np.float64]
 
@@ -85,7 +93,7 @@ def true_estimate(t: float, row: Vector, where: Any, l0: float) -> Estimate:
     return Estimate(t, state['T'], state['x_M'], state['sigma'], modes, np.zeros((size, size)), strain, 1.0)
 
 
-def run_of(config: Config, robot: Robot, asked: Vector, who: str, seed: int, hot: bool) -> Guarded:
+def run_of(config: Config, robot: Robot, asked: Vector, who: str, seed: int, hot: bool, driver: str) -> Guarded:
     """A run under commands that pass a guard: by an ``observer``, by one that knows the ``truth``, or under ``none``."""
     model, random = robot.model, np.random.default_rng([seed, 3])
     where, T_E = sample_columns(model.structure), config.parameters['environment.T_E']
@@ -93,7 +101,7 @@ def run_of(config: Config, robot: Robot, asked: Vector, who: str, seed: int, hot
     run.step(np.array([0.0, T_E]), round(REST_DURATION * RATE))
     wires, T_column = where.wires, WIRE_COLUMNS.index('T')
     while hot and run.sample[wires][T_column::PER_WIRE].max() < T_MAX - 1.0:
-        run.step(np.array([asked[0], T_E]))
+        run.step(np.array([DRIVERS[driver](asked[0]), T_E]))
     observer = Observer(config) if who == 'observer' else None
     limits = {name: value for name, value in config.parameters.items() if name.startswith('guard.')}
     knowing = config.variant({**robot.parameters, **limits, 'guard.margin': 0.0})
@@ -116,7 +124,7 @@ def run_of(config: Config, robot: Robot, asked: Vector, who: str, seed: int, hot
         limited += wanted != J
         if observer is not None:
             observer.update(t, J)
-        run.step(np.array([J, T_E]))
+        run.step(np.array([DRIVERS[driver](J), T_E]))
     return Guarded(T, stress, stroke, limited / len(asked))
 
 
@@ -128,17 +136,17 @@ def without_scale(config: Config, robot: Robot, off: float) -> float:
     return T_E + (T_MAX + 2.0 - T_E) * (1.0 - off) / float(scale)
 
 
-def solve(seed: int, duration: float, off: float, margin: float, hot: bool, pool: Executor) -> dict[str, Any]:
+def solve(seed: int, duration: float, off: float, margin: float, hot: bool, driver: str, pool: Executor) -> dict[str, Any]:
     """All numbers of a robot. Raises SimulationError where it cannot do its run."""
     config, robot = robot_of(seed, off, margin)
     asked = commands_of(seed, round(duration * RATE))
     if hot:
         asked[: round(RATE)] = J_FULL * (-1.0) ** seed
-    alone, observed = (run_of(config, robot, asked, who, seed, hot) for who in ('none', 'observer'))
+    alone, observed = (run_of(config, robot, asked, who, seed, hot, driver) for who in ('none', 'observer'))
     safe = alone.T <= T_MAX and alone.stress <= STRESS_MAX
-    compared = alone if safe else run_of(config, robot, asked, 'truth', seed, hot)
+    compared = alone if safe else run_of(config, robot, asked, 'truth', seed, hot, driver)
     known = config.variant({'guard.T_max': without_scale(config, robot, off)})
-    but_scale = compared if safe else run_of(known, robot, asked, 'truth', seed, hot)
+    but_scale = compared if safe else run_of(known, robot, asked, 'truth', seed, hot, driver)
     return {
         'hidden': robot.hidden[0].truth.name if robot.hidden else '',
         'safe': safe,
@@ -192,10 +200,11 @@ def main() -> None:
     parser.add_argument('--off', type=float, default=0.15)
     parser.add_argument('--margin', type=float, default=2.0)
     parser.add_argument('--hot', action='store_true')
+    parser.add_argument('--driver', choices=DRIVERS, default='as_asked')
     add_options(parser, 'guard.jsonl', 60.0)
     asked = parser.parse_args()
     seeds = range(asked.first, asked.first + asked.robots)
-    cases = [(seed, asked.seconds, asked.off, asked.margin, asked.hot) for seed in seeds]
+    cases = [(seed, asked.seconds, asked.off, asked.margin, asked.hot, asked.driver) for seed in seeds]
     print('\n'.join(table(solved(drawn(cases, asked.share), solve, asked, row))))
 
 

@@ -47,6 +47,12 @@ OBSERVER_PARAMETERS = declared_in(
     Parameter('parameter_std', 0.1, '-', (1e-6, 1.0), 'relative standard deviation of parameters that have none in priors'),
     Parameter('length_std', 0.002, '-', (1e-6, 1.0), 'the same of lengths'),
     Parameter('parameter_time', 300.0, 's', (0.1, 1e9), 'how long what was learned of parameters is kept'),
+    Parameter(
+        'gain_std', 0.2, '-', (0.0, 1.0), 'by which part all power may differ from the commands, as drivers do for good'
+    ),
+    Parameter(
+        'gain_change_std', 0.1, '-', (0.0, 1.0), 'the same of one command, where it is another than at other commands'
+    ),
     Parameter('power_std', 0.03, '-', (1e-6, 1.0), 'by which part the heating of a wire may differ from the command'),
     Parameter('power_time', 60.0, 's', (0.1, 1e9), 'how long such a difference lasts'),
     Parameter('T_E_std', 1.0, 'K', (1e-6, 100.0), 'by how much the ambient temperature may differ'),

@@ -25,10 +25,11 @@ def estimate(T=(320.0, 300.0), x_M=(0.3, 0.5), stress=(1e8, 8e7), strain=(0.04, 
     )
 
 
-def guarded(asked, config, known=True, seed=0, factors=None, heated_to=None):
+def guarded(asked, config, known=True, seed=0, factors=None, heated_to=None, driver=None):
     """T and stress of the wires (k, wires), decisions and alpha of a robot whose guard knows its state, or observes it.
 
-    `factors` of its parameters by name. Where it is `heated_to` a temperature [K], both start beside the running robot.
+    `factors` of its parameters by name. Where it is `heated_to` a temperature [K], both start beside the running robot. Its
+    `driver` makes power of a command [W].
     """
     values = {name: factor * config.parameters[name] for name, factor in (factors or {}).items()}
     robot = Model(Config(values, kinetics='mas'))
@@ -51,7 +52,7 @@ def guarded(asked, config, known=True, seed=0, factors=None, heated_to=None):
         (J,) = decisions[-1].J_eq
         observer.update(k / RATE, J)
         rows.append((T.copy(), stress.copy(), run.shown('alpha')))
-        run.step(np.array([J, 298.0]))
+        run.step(np.array([driver(J) if driver else J, 298.0]))
     T, stress, alpha = (np.array(part) for part in zip(*rows, strict=True))
     return T, stress, decisions, alpha
 
@@ -77,6 +78,18 @@ def test_a_guard_that_starts_beside_a_hot_robot_lets_nothing_burn(J, factor):
     assert T_MAX - 1.0 < T[0].max() < T_MAX + 4.0  # what the step before had done
     assert T[1:].max() < max(T[0].max(), T_MAX + 2.0) and T[10:].max() < T_MAX + 2.0
     assert decisions[0].scale < 0.3 and decisions[-1].scale > 0.1  # and it may move again
+
+
+@pytest.mark.parametrize(
+    ('driver', 'scale'), [(lambda J: 1.4 * J, 1.0), (lambda J: J * (1.0 + 0.4 * (J / 25.0) ** 2), 0.87)]
+)
+def test_nothing_burns_with_a_driver_that_gives_40_percent_more_than_it_is_asked_for(driver, scale):
+    """At any command, or at full power; the latter on a robot whose T - T_E is larger than it looks. It was 6 and 12 K."""
+    config = Config({'guard.T_max': T_MAX + 10.0, 'observer.parameter_std': 0.15})
+    off = {f'wire.{name}': scale for name in ('sigma_T', 'lambda', 'c_V')}
+    asked = [0.0] * 25 + ([25.0] * 50 + [0.0] * 25 + [-25.0] * 75) * 2
+    T, _, _, _ = guarded(asked, config, known=False, factors=off, driver=driver)
+    assert T_MAX < T.max() < T_MAX + 10.0
 
 
 def test_no_wire_gets_too_hot_while_the_next_estimate_does_not_come():

@@ -118,7 +118,7 @@ def test_pure_austenite_may_be_hotter_than_where_it_transforms():
     assert x_M[begin, 0] < 1e-3 and T[begin, 0] > 330.0
     found = observed_from(5.0, config, channels, heating, ('position', 'F'))
     assert found[0].T_std[0] > 50.0
-    assert abs(found[-1].T[0] - T[-1, 0]) < 2.0 and found[-1].T_std[0] < 6.0
+    assert abs(found[-1].T[0] - T[-1, 0]) < 2.0 and found[-1].T_std[0] < 0.3 * (T[-1, 0] - 298.0)  # as power is known
 
 
 @pytest.mark.parametrize('names', [POSE, POSE + FORCES])
@@ -358,11 +358,13 @@ def test_missing_values_leave_the_prediction(robot):
     assert np.allclose(ahead[-1].mean, one.predict(one.time + 0.4, 8.0).mean, rtol=1e-3)
 
 
-def test_an_outlier_moves_little():
+@pytest.mark.parametrize(('at', 'until'), [(40, 41), (70, 80)])
+def test_an_outlier_moves_little(at, until):
+    """Nor does it decide between hypotheses of the start, of which there are two for two seconds."""
     one, other = Observer(Config()), Observer(Config())
-    for k in range(50):
+    for k in range(until):
         one.update(k / RATE, 6.0, {'F_1': 16.0 + 0.1 * k})
-        other.update(k / RATE, 6.0, {'F_1': 16.0 + 0.1 * k if k != 40 else 1000.0})
+        other.update(k / RATE, 6.0, {'F_1': 16.0 + 0.1 * k if k != at else 1000.0})
     assert np.abs(one.estimate.T - other.estimate.T).max() < 2.0
 
 

@@ -107,14 +107,19 @@ class Guard:
 
     Examples
     --------
+    >>> import numpy as np
     >>> import sma_sim
     >>> from sma_sim.guard import Guard
     >>> from sma_sim.observer import Observer
+    >>> from sma_sim.solver.fixed_rate import FixedRateRun
     >>> config = sma_sim.Config({'guard.T_max': 350.0})
+    >>> robot = FixedRateRun(sma_sim.Model(config), 50.0, np.array([0.0, 298.0]))
     >>> observer, guard = Observer(config), Guard(config)
     >>> for k in range(100):
-    ...     allowed = guard.limit(25.0, observer.update(0.02 * k, None, {'alpha': -1e-3 * k}), 0.02 * k)
+    ...     seen = {name: robot.shown(name) for name in ('alpha', 'F_1', 'F_2')}
+    ...     allowed = guard.limit(25.0, observer.update(0.02 * k, None, seen), 0.02 * k)
     ...     estimate = observer.update(0.02 * k, allowed.J_eq)
+    ...     robot.step(np.array([*allowed.J_eq, 298.0]))
     >>> bool(330.0 < estimate.T[0] < 350.0), allowed.kind, 0.0 < allowed.scale < 0.8
     (True, 'temperature', True)
     """

@@ -71,6 +71,21 @@ class InvariantCoordinates:
         moved = np.linalg.solve(self._derivatives(mean, T_E, told), self._derivatives(about, T_E, told))
         return moved @ covariance @ moved.T
 
+    def of_temperatures(self, estimate: Vector, about: Vector) -> Matrix:
+        """Derivatives (wires, n) of the temperatures [K] at an estimate (n,) that is linear about a vector (n,).
+
+        What is linear is Theta, and T - T_E is Theta over sigma_T: it is known to a part of what it is, not of what it is
+        where the run is, which may be much colder.
+        """
+        of_rise, of_T_E, slopes = np.zeros((len(self.temperatures), len(about))), *np.zeros((2, len(about)))
+        of_rise[np.arange(len(of_rise)), self.temperatures] = self.T_scale
+        of_T_E[self.unknowns.T_E] = 1.0
+        of_rise -= of_T_E
+        for k, one in enumerate(self.free):
+            sign = {'wire.sigma_T': 1.0, 'wire.dsigma': -1.0 if self.by_dsigma else 0.0}.get(one.name, 0.0)
+            slopes[self.unknowns.parameters.start + k] = sign * one.scale  # of the log of sigma_T in the unit of stresses
+        return of_T_E + of_rise - np.outer(of_rise @ (estimate - about), slopes)
+
     def _derivatives(self, at: Vector, T_E: float, told: NDArray[np.bool_]) -> Matrix:
         """Of the coordinates in the vector (n, n)."""
         here, found = self._of(at, T_E, told), np.eye(len(at))

@@ -24,10 +24,13 @@ dsigma/sigma_T apart. Each has its filter, and the estimate has the mean and cov
 until measurements have decided (Magill, IEEE Trans. Autom. Control 10 (1965) 434).
 
 As long as innovations are larger than the filter expects, all that it says has so many times the variance (the ratio of
-Birge, Phys. Rev. 40 (1932) 207). The heating is what drives a wire, and how it follows a command is not measured: as long as
-that ratio R is more than 1, the power that reaches a wire fluctuates about the command, with R - 1 times the variance of its
-lasting difference and for as long as R is averaged over. A driver that is late, or gives way at high power, is then not
-taken for a wire of another heat capacity, and cooling, of which the driver has no part, tells it.
+Birge, Phys. Rev. 40 (1932) 207). The heating is what drives a wire, and how it follows a command is not measured. Nobody
+tells by which factor all power differs from the commands: c_V and lambda are those for a watt of the command
+(`uncertain_parameters`). Nor are drivers linear: g is an Ornstein-Uhlenbeck process in the command too, of which a change
+by J_max forgets most, so that full power for a moment does not tell the power of a lower command. And as long as that
+ratio R is more than 1, the power that reaches a wire fluctuates about the command, with R - 1 times the variance
+`power_std`^2 and for as long as R is averaged over: a driver that is late is then not taken for a wire of another heat
+capacity, and cooling, of which the driver has no part, tells it.
 """
 
 from __future__ import annotations
@@ -145,7 +148,7 @@ class Observer:
     >>> observer = Observer(sma_sim.Config())
     >>> estimate = observer.update(0.0, 12.0, {'alpha': 0.0})
     >>> for k in range(1, 21):
-    ...     estimate = observer.update(0.05 * k, None, {'U_x': -5e-5, 'F_1': 13.0})
+    ...     estimate = observer.update(0.05 * k, None, {'U_x': -5e-5, 'F_1': 16.0 + 0.5 * k})
     >>> estimate.T.shape, bool(estimate.T[0] > estimate.T[1] + 20.0)
     ((2,), True)
     """
@@ -155,7 +158,8 @@ class Observer:
         self.config = config
         self._structure = config.structure.structure
         self.channels = self._structure.channels
-        self._free = uncertain_parameters(config)
+        self._gain_std = config.parameters['observer.gain_std']
+        self._free = uncertain_parameters(config, self._gain_std)
         self._noise = np.array([config.parameters[f'check.noise_{name}'] for name in self.channels])
         self._limits = np.array([(one.low, one.high) for one in self._free]).reshape(-1, 2)
         self.restarts, self.too_late = 0, 0
@@ -371,14 +375,14 @@ class Observer:
         self._walk[self._fractions] = (u['x_M_walk'] / unit) ** 2
         for place, std, time in (
             (at.parameters, 1.0, u['parameter_time']),
-            (at.heating, u['power_std'], u['power_time']),
+            (at.heating, math.hypot(u['power_std'], u['gain_change_std']), u['power_time']),
             (at.T_E, u['T_E_std'], u['T_E_time']),
             (slice(at.count, self._size), channel_discrepancies(self.config), u['discrepancy_time']),
         ):
             self._decay[place], stationary[place] = 1.0 / time, np.square(std)
         self._fluctuation = 2.0 * INCONSISTENCY_TIME * u['power_std'] ** 2
         self._stationary = np.diag(stationary)
-        self._stationary[at.parameters, at.parameters] = prior_correlation(self.config, self._free)
+        self._stationary[at.parameters, at.parameters] = prior_correlation(self.config, self._free, self._gain_std)
         wire, of_states = propagation.model.wire, np.zeros(self._size)
         self._warming = self.config.parameters['node.J_max'] / (wire.n * wire.lambda_ * wire.surface)  # [K]
         of_states[temperatures] = (u['initial_T_std'] / self._scales_of_T) ** 2
@@ -428,9 +432,17 @@ class Observer:
     def _told_of(self, belief: Belief, event: Event) -> Belief:
         """A belief that knows what is in force after an event."""
         if event.heating is not None:
-            belief = belief._replace(heating=event.heating)
+            belief = self._commanded(belief, event.heating)
         belief = belief if event.T_E is None else belief._replace(T_E=event.T_E)
         return self._run_anew(belief) if belief.time >= belief.reference.until else belief
+
+    def _commanded(self, belief: Belief, heating: tuple[float, ...]) -> Belief:
+        """A belief under another heating (wires,) [W], at which the power of a wire differs from it by another part."""
+        at, same = self._at.heating, np.ones(self._size)
+        same[at] = np.exp(-np.abs(np.subtract(heating, belief.heating)) / self.config.parameters['node.J_max'])
+        covariance = belief.covariance * np.outer(same, same)
+        covariance[at, at] += np.diag((1.0 - same[at] ** 2) * self.config.parameters['observer.gain_change_std'] ** 2)
+        return belief._replace(heating=heating, mean=belief.mean * same, covariance=covariance)
 
     def _all_corrected(self, beliefs: Hypotheses, measured: Vector) -> Hypotheses:
         """The beliefs after a measurement (channels,), but for those that it makes improbable."""
@@ -607,8 +619,9 @@ class Observer:
         )
 
     def _log_density(self, belief: Belief, measured: Vector) -> float:
-        """Log of the density that a belief gives to a measurement (channels,)."""
-        innovation, _, expected, _ = self._innovation(belief, measured)
+        """Log of the density that a belief gives to a measurement (channels,), of which an outlier decides nothing."""
+        innovation, squares, expected, _ = self._innovation(belief, measured)
+        expected.reshape(-1)[:: len(squares) + 1] *= np.maximum(squares / LARGEST_INNOVATION**2, 1.0)
         squares = innovation @ np.linalg.solve(expected, innovation)
         return -0.5 * float(squares + np.linalg.slogdet(2.0 * np.pi * expected)[1])
 
@@ -638,6 +651,13 @@ class Observer:
         about[at.parameters.start : at.count] = belief.reference.extra
         return about
 
+    def _whole(self, belief: Belief, about: Vector) -> Vector:
+        """All that is estimated (size,), with what the run has of the states."""
+        states = slice(self._at.parameters.start)
+        whole = belief.mean.copy()
+        whole[states] += about[states]
+        return whole
+
     def _coordinates_of(self, belief: Belief) -> InvariantCoordinates:
         """Those in which what is not measured is one direction."""
         return self._with_forces if belief.forces_are_measured else self._coordinates
@@ -652,9 +672,7 @@ class Observer:
         at, propagation, about = self._at, belief.reference.propagation, self._about(belief)
         run, p, scales = copy_of_run(propagation.model, belief.run), propagation.model.compiled, propagation.scales
         state = run.state
-        estimate = belief.mean.copy()
-        estimate[: at.parameters.start] += about[: at.parameters.start]
-        mean = self._coordinates_of(belief).mean(estimate, about, belief.T_E, self._told(run))
+        mean = self._coordinates_of(belief).mean(self._whole(belief, about), about, belief.T_E, self._told(run))
         state.y[:] = scales * mean[at.states]
         if p.mas:
             fractions = slice(p.first_x, p.first_x + p.wires)
@@ -680,6 +698,8 @@ class Observer:
     def _estimate_by(self, belief: Belief) -> Estimate:
         sample, derivatives = self._seen(belief)
         out = derivatives[self._outputs]
+        about = self._about(belief)
+        out[: self._structure.wires] = self._coordinates_of(belief).of_temperatures(self._whole(belief, about), about)
         covariance = max(1.0, belief.inconsistency) * (out @ belief.covariance @ out.T + self._least)
         T, x_M, stress = sample[self._outputs].reshape(len(OUTPUTS), -1)
         values = belief.reference.propagation.model.config.parameters

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -19,13 +20,19 @@ from sma_sim.solver.effect_table import channel_scales
 from sma_sim.solver.model import Model
 from sma_sim.solver.propagation import DELTA
 
+HEAT_BALANCE = 'wire.c_V', 'wire.lambda'  # how much heat a wire takes, and gives away again
 
-def uncertain_parameters(config: Config) -> tuple[FreeParameter, ...]:
+
+def uncertain_parameters(config: Config, gain_std: float = 0.0) -> tuple[FreeParameter, ...]:
     """The parameters that a filter estimates beside the states, in coordinates with the prior N(0, 1).
 
     They are those that a fit changes, with their standard deviations in `Config.covariance`, which a fit has left, else in
     `Config.priors`. Where these say nothing, observer.parameter_std and length_std hold; of parameters of effects the prior
     covers the realistic range.
+
+    All power that reaches the wires is known to a factor of relative standard deviation `gain_std`. But for the latent heat,
+    a robot whose wires get g times the power does what one does whose c_V and lambda are 1/g times as large: both are those
+    for a watt of the command, with that uncertainty in common. Where a fit has left them they are so already.
     """
     declared, values = declared_parameters(config), config.values
     lengths, others = (config.parameters[f'observer.{name}'] for name in ('length_std', 'parameter_std'))
@@ -38,13 +45,21 @@ def uncertain_parameters(config: Config) -> tuple[FreeParameter, ...]:
             std = fitted[one.name] * (value if one.log else 1.0)
         elif std is None and one.log and not one.name.startswith('effects.'):
             std = value * (lengths if one.name in NARROW_PRIOR_STDS else others)
+        if one.name in HEAT_BALANCE and one.name not in fitted and std is not None:
+            std = math.hypot(std, gain_std * value)
         found.append(free_parameter(one.name, value, declared[one.name], std))
     return tuple(found)
 
 
-def prior_correlation(config: Config, free: Sequence[FreeParameter]) -> Matrix:
-    """Correlations of the coordinates of parameters (P, P): those that a fit has left, none of others."""
+def prior_correlation(config: Config, free: Sequence[FreeParameter], gain_std: float = 0.0) -> Matrix:
+    """Correlations of the coordinates of parameters (P, P).
+
+    Those that a fit has left, and by the gain that c_V and lambda have in common (`uncertain_parameters`); none of others.
+    """
     names, known, found = [one.name for one in free], config.covariance, np.eye(len(free))
+    fitted = () if known is None else known.names
+    common = np.array([gain_std / one.scale if one.name in HEAT_BALANCE and one.name not in fitted else 0.0 for one in free])
+    found += np.outer(common, common) - np.diag(common**2)
     if known is not None:
         both = [name for name in known.names if name in names]
         at, matrix = [names.index(name) for name in both], known.of(both).matrix
