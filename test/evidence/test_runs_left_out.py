@@ -22,9 +22,11 @@ from sma_sim.evidence.estimation.held_out_prediction import (
     predict_runs,
 )
 from sma_sim.evidence.estimation.prepared_fit import PreparedFit
+from sma_sim.evidence.estimation.problem import start_point
 from sma_sim.evidence.estimation.run_subset import MAX_SUBSET_RUNS, from_subset, run_subset, subset_indices, to_subset
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS, WEAKLY_DAMPED
+from sma_sim.solver.beginning import Beginning
 
 
 def test_a_subset_is_spread_over_the_runs_from_the_first_to_the_last():
@@ -69,6 +71,19 @@ def test_what_curves_show_is_the_second_start_where_that_is_elsewhere(monkeypatc
         expected = np.zeros(len(found[1].z))
         expected[1] = np.clip(z, free.low, free.high)
         assert bool(found[1].z == pytest.approx(expected)) == bool(count)
+
+
+def test_runs_in_motion_are_also_fitted_from_either_end_of_the_hysteresis(monkeypatch):
+    """Whose wires are as warm as in the middle of the priors; from there a fit ended 60 nats above the true valley."""
+    problem = problem_of()
+    monkeypatch.setattr(calibration, 'feasible', lambda *_: True)
+    runs = tuple(replace(run, beginning_std=Beginning((40.0, 40.0), (0.1,), (0.1,))) for run in problem.runs)
+    moving = replace(problem, runs=runs)
+    middle, low, high = (point.z for point in calibration.starting_points(moving, {}, 2, 0, None))
+    begins = np.array([unknown.name == 'start' for unknown in moving.unknowns])
+    assert (middle == start_point(moving)).all() and not middle[begins].any()
+    assert (low == np.where(begins, -0.9, middle)).all() and (high == np.where(begins, 0.9, middle)).all()
+    assert len(calibration.starting_points(problem, {}, 2, 0, None)) == 2
 
 
 def test_data_take_over_from_the_priors_gradually(monkeypatch):

@@ -105,7 +105,7 @@ class FitOptions:
     starts : int
         Number of starting points: the configuration, and random points around it. Where it is more than one, a single wire
         also starts from what the curves of its tests show, from either end of its hysteresis, and with data that take over
-        from the priors gradually.
+        from the priors gradually; runs that may begin in motion start from either end of the hysteresis too.
     robust : bool
         Whether to use Huber's loss instead of squares.
     seed : int
@@ -428,11 +428,18 @@ def best_of_starts(
     subset, kinetics = run_subset(thinned), thinned.config.simulated_kinetics
     points = starting_points(subset, shown, options.starts, options.seed, context.pool)
     weak = replace(criteria, damping=WEAKLY_DAMPED.damping)
-    jobs = [
-        partial(minimized_from, point, subset, weak if k else criteria, context, f'{kinetics}, start {k + 1}')
-        for k, point in enumerate(points)
-    ]
-    fits = run_in_threads(jobs, context.stop)
+
+    def fitted(points: Sequence[StartingPoint], before: int) -> list[FitResult]:
+        jobs = [
+            partial(minimized_from, point, subset, weak if k else criteria, context, f'{kinetics}, start {k + 1}')
+            for k, point in enumerate(points, start=before)
+        ]
+        return run_in_threads(jobs, context.stop)
+
+    fits = fitted(points, 0)
+    if len(fits) > 1 and any(run.is_in_motion for run in subset.runs):
+        first = min(fits, key=lambda fit: fit.cost)
+        fits += fitted(from_either_end(subset, first.z), len(fits))
     least = min(fit.cost for fit in fits)
     best = next(fit for fit in fits if fit.cost < least + SAME_OPTIMUM)
     k = overdispersion(subset, best.z, context.pool) if len(fits) > 1 else nan
@@ -592,7 +599,8 @@ class StartingPoint:
 def starting_points(
     problem: Problem, shown: Mapping[str, float], count: int, seed: int, pool: Executor
 ) -> list[StartingPoint]:
-    """The middle of the priors; if more are asked for, what a single wire gives reason to try, then random points.
+    """The middle of the priors; if more are asked for, what a single wire or a motion before gives reason to try, then
+    random points.
 
     The curves of its tests may have `shown` parameters elsewhere. Every run can be made at all points but the first.
     """
@@ -600,7 +608,7 @@ def starting_points(
     points, random = [StartingPoint(middle)], np.random.default_rng(seed)
     if count == 1:
         return points
-    given = [*point_of(problem, shown), *points_of_single_wire(problem)]
+    given = [*point_of(problem, shown), *points_of_single_wire(problem), *points_in_motion(problem)]
     further = (StartingPoint(SPREAD * random.normal(size=len(middle))) for _ in range(TRIES * (count - 1)))
     for guess in chain(given, further):
         if len(points) >= max(count, 1 + len(given)):
@@ -627,9 +635,24 @@ def points_of_single_wire(problem: Problem) -> list[StartingPoint]:
     """
     if any(run.starts != 1 for run in problem.runs):
         return []
+    zero = np.zeros(len(problem.unknowns))
+    return [StartingPoint(zero, GRADUALLY), *from_either_end(problem, zero)]
+
+
+def points_in_motion(problem: Problem) -> list[StartingPoint]:
+    """Runs that begin near either end of the hysteresis, of several wires that may be warm from before; none at rest."""
+    in_motion = any(run.is_in_motion for run in problem.runs)
+    return from_either_end(problem, start_point(problem)) if in_motion and not points_of_single_wire(problem) else []
+
+
+def from_either_end(problem: Problem, z: Vector) -> list[StartingPoint]:
+    """A point with all runs near either end of the hysteresis.
+
+    A wire that is heated on and one that cools, whose fractions are far apart where they are warm, lie in valleys of their
+    own; a fit may end in the wrong one, and leaves it once its other unknowns are near.
+    """
     begins = [unknown is START for unknown in problem.unknowns]
-    ends = [StartingPoint(np.where(begins, START_END * end, 0.0)) for end in (START.low, START.high)]
-    return [StartingPoint(np.zeros(len(begins)), GRADUALLY), *ends]
+    return [StartingPoint(np.where(begins, START_END * end, z)) for end in (START.low, START.high)]
 
 
 def minimized_from(
