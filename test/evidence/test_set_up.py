@@ -11,7 +11,18 @@ from isobaric_runs import BENCH as ISOBARIC
 from isobaric_runs import isobaric_tests
 from simulated_data import config, dataset, scaled
 
-from sma_sim import DiagnosisRequest, FitOptions, Recording, diagnose, find_effects, module_input, predict, read_config
+from sma_sim import (
+    DiagnosisRequest,
+    FitOptions,
+    PhysicsWarning,
+    Recording,
+    diagnose,
+    find_effects,
+    module_input,
+    predict,
+    read_config,
+)
+from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.evidence.diagnosis.review import reviewed
 from sma_sim.evidence.estimation.calibrate import problem_for
 from sma_sim.evidence.estimation.problem import residuals_at, start_point
@@ -166,6 +177,16 @@ def test_an_exchanged_command_leaves_the_ambient_temperature_that_was_measured()
     assert inputs_at(found, times)['J_eq_W'].tolist() == [0.0, 0.0, 5.0, 5.0, 0.0]
     assert inputs_at(found, times)['T_E_K'].tolist() == [290.0] * 5
     assert inputs_at(with_command(warm, cool), times)['T_E_K'].tolist() == [300.0, 300.0, 301.0, 301.0, 302.0]
+
+
+def test_a_unit_of_all_recordings_is_named_though_one_lies_nearer_with_it():
+    """At the middle of the priors the second run of this robot is better explained as a slow one than by its own time."""
+    made = make_challenge(220042, 0, None, (), forces=True, plan=RecordingPlan(3, 40.0, 20.0))
+    with pytest.warns(PhysicsWarning, match='time_s'):
+        wrong = replace(made.dataset, recordings=Fault('unit', ('time',), 1e3).in_recordings(made.dataset.recordings))
+    with ThreadPoolExecutor(2) as pool:
+        found = faults_before_fits(wrong, made.nominal.variant(kinetics='hybrid'), OPTIONS, SearchContext(pool, Event()))
+    assert in_words(found) == ['time is in milliseconds, not in seconds']
 
 
 @pytest.mark.parametrize('name', [pytest.param('runs', marks=pytest.mark.slow), 'with_gravity'])

@@ -220,7 +220,8 @@ def without_fault(problem: Problem, fault: Fault) -> Problem:
 def proposed(problem: Problem, z: Vector, context: SearchContext) -> list[Proposal]:
     """The faults without which the recordings lie nearer to the model, at z and to first order about it, the best first.
 
-    Each is proposed for those recordings that lie nearer without it.
+    Each is proposed for those recordings that lie nearer without it, and for all, which is the more probable cause: at the
+    middle of the priors one of them may lie nearer with it by chance.
     """
     before = residuals_at(problem, z, context.pool)
     squares = [inf if rows is None else float(np.vdot(rows, rows)) for rows in before]
@@ -243,6 +244,7 @@ def proposed(problem: Problem, z: Vector, context: SearchContext) -> list[Propos
             found += [(fault, total)] if {*fault.recordings} <= {*names} else []
         elif names:
             found.append((replace(fault, recordings=() if all(nearer) else names), total))
+            found += [] if all(nearer) else [(fault, sum(left))]
     least = min((total for _, total in found), default=inf)
     near = [fault for fault, total in found if total <= HOPELESS * least]
     proposals = [Proposal(fault, log_share(fault, len(faults), len(problem.runs)) - SPARSITY) for fault in near]
