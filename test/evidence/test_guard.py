@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sma_sim import Config, Model, UserError
+from sma_sim.evidence.state_estimation.guard import heat_balance
 from sma_sim.guard import Counters, Guard
 from sma_sim.observer import Estimate, Observer
 from sma_sim.solver.columns import sample_columns
@@ -90,6 +91,27 @@ def test_nothing_burns_with_a_driver_that_gives_40_percent_more_than_it_is_asked
     asked = [0.0] * 25 + ([25.0] * 50 + [0.0] * 25 + [-25.0] * 75) * 2
     T, _, _, _ = guarded(asked, config, known=False, factors=off, driver=driver)
     assert T_MAX < T.max() < T_MAX + 10.0
+
+
+@pytest.mark.parametrize(('measured', 'above'), [(5, 10.0), (3, 35.0)], ids=['pose and forces', 'pose'])
+def test_sensors_that_are_stuck_do_not_let_a_wire_burn_for_long(measured, above):
+    """They show a robot at rest under full power: with forces a wire hardly passes the limit, with the pose alone for a
+    moment."""
+    config = Config({'guard.T_max': 360.0})
+    robot, random = Model(config), np.random.default_rng(0)
+    rest = FixedRateRun(robot, RATE, np.array([0.0, 298.0])).sample[sample_columns(robot.structure).sensed]
+    names = robot.structure.channels[:measured]
+    noise = np.array([config.parameters[f'check.noise_{name}'] for name in names])
+    observer, guard, J, T, found = Observer(config), Guard(config), 0.0, np.array([298.0]), []
+    for k in range(200):
+        shown = rest[:measured] + noise * random.standard_normal(measured)
+        seen = observer.update(k / RATE, J, dict(zip(names, shown.tolist(), strict=True)))
+        (J,) = guard.limit(25.0 if k > 20 else 0.0, seen, k / RATE).J_eq
+        observer.update(k / RATE, J)
+        T, of_each_watt = heat_balance(robot.wire, T, 298.0, 1.0 / RATE)
+        T = T + of_each_watt * J / robot.wire.n
+        found.append(T[0])
+    assert 320.0 < max(found) < 360.0 + above and max(found[-100:]) < 345.0
 
 
 def test_no_wire_gets_too_hot_while_the_next_estimate_does_not_come():

@@ -31,6 +31,9 @@ by J_max forgets most, so that full power for a moment does not tell the power o
 ratio R is more than 1, the power that reaches a wire fluctuates about the command, with R - 1 times the variance
 `power_std`^2 and for as long as R is averaged over: a driver that is late is then not taken for a wire of another heat
 capacity, and cooling, of which the driver has no part, tells it.
+
+Sensors that are stuck show wires that no power warms. Where parameters that explain what is measured are as improbable as
+that, a wire may be as hot as the commands alone would make it: the variance of T has that, by the probability of either.
 """
 
 from __future__ import annotations
@@ -44,7 +47,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
+from scipy.special import expit, ndtr
 
 from sma_sim.evidence.state_estimation.estimate import Estimate, RobotState
 from sma_sim.evidence.state_estimation.invariants import InvariantCoordinates
@@ -77,7 +80,7 @@ FIRST_RUN, LONGER, LONGEST_RUN = 2.0, 1.5, 20.0  # [s] of the first run; by how 
 FIRST_RUN_OF_ANY = 0.1  # [s] of a robot of any history, whose first measurements move the estimate far
 USUAL_TIME = 0.1  # [s] in which a pose may change by as much as it usually does
 AGREEMENT_TIME = 2.0  # [s] after which hypotheses of the start agree: temperatures forget it within a second
-IMPROBABLE = 14.0  # by which the log of a probability is less where a hypothesis is given up: one in a million
+IMPROBABLE = 14.0  # by which the log of a probability is less where a hypothesis is given up, or stuck sensors: 1e-6
 ITERATIONS = 4  # of the first update of such a robot
 LARGEST_INNOVATION = 4.0  # standard deviations; a larger one counts as if its noise were larger, so that it is no more
 INCONSISTENCY_TIME = 2.0  # [s] of the running mean of squared innovations
@@ -117,6 +120,7 @@ class Belief(NamedTuple):
     T_E: float
     inconsistency: float
     is_corrected: bool  # by a measurement since the robot was taken to be at rest
+    warmed: Vector  # by the commands alone, of which none becomes latent heat (wires,) [K] above T_E
     log_evidence: float = 0.0  # of all measurements since then
     forces_are_measured: bool = False
 
@@ -384,7 +388,11 @@ class Observer:
         self._stationary = np.diag(stationary)
         self._stationary[at.parameters, at.parameters] = prior_correlation(self.config, self._free, self._gain_std)
         wire, of_states = propagation.model.wire, np.zeros(self._size)
-        self._warming = self.config.parameters['node.J_max'] / (wire.n * wire.lambda_ * wire.surface)  # [K]
+        self._J_max, cooling = self.config.parameters['node.J_max'], wire.lambda_ * wire.surface
+        self._warming = self._J_max / (wire.n * cooling)  # [K]
+        self._cooling_time = wire.volume * wire.rho * wire.c_V / cooling
+        beside_states = slice(at.parameters.start, self._size)
+        self._precision = np.linalg.pinv(self._stationary[beside_states, beside_states], hermitian=True)
         of_states[temperatures] = (u['initial_T_std'] / self._scales_of_T) ** 2
         of_states[: p.coordinates] = u['discrepancy'] ** 2
         of_states[self._fractions] = (u['initial_x_M_std'] / unit) ** 2
@@ -413,7 +421,8 @@ class Observer:
                 column[at.fractions] = (beside.x_frozen - run.state.x_frozen) / FRACTION_SCALE / DELTA
         mean = np.zeros(self._size)
         mean[at.parameters.start : at.count] = reference.extra
-        return Belief(time, reference, run, mean, spread @ self._at_start @ spread.T, heating, T_E, 1.0, False)
+        covariance = spread @ self._at_start @ spread.T
+        return Belief(time, reference, run, mean, covariance, heating, T_E, 1.0, False, np.zeros(len(heating)))
 
     def _after(self, event: Event) -> Hypotheses:
         """The beliefs after an event that follows those that there are beliefs of."""
@@ -439,7 +448,7 @@ class Observer:
     def _commanded(self, belief: Belief, heating: tuple[float, ...]) -> Belief:
         """A belief under another heating (wires,) [W], at which the power of a wire differs from it by another part."""
         at, same = self._at.heating, np.ones(self._size)
-        same[at] = np.exp(-np.abs(np.subtract(heating, belief.heating)) / self.config.parameters['node.J_max'])
+        same[at] = np.exp(-np.abs(np.subtract(heating, belief.heating)) / self._J_max)
         covariance = belief.covariance * np.outer(same, same)
         covariance[at, at] += np.diag((1.0 - same[at] ** 2) * self.config.parameters['observer.gain_change_std'] ** 2)
         return belief._replace(heating=heating, mean=belief.mean * same, covariance=covariance)
@@ -492,7 +501,7 @@ class Observer:
             moved = propagation.advance(run, np.array([belief.time, time]), self._inputs(belief)[None])
         except SimulationError:
             self.restarts += 1
-            return self._start(self._first.reference, time, belief.heating, belief.T_E)
+            return self._start(self._first.reference, time, belief.heating, belief.T_E)._replace(warmed=belief.warmed)
         decay, first, size = np.exp(-self._decay * dt), at.parameters.start, self._size
         transition = np.zeros((size, size))
         transition.flat[:: size + 1] = decay
@@ -504,7 +513,9 @@ class Observer:
         covariance[:first, :first] += stirred @ stirred.T
         mean = belief.mean * decay
         mean[:first] = moved[:first] @ self._beside(belief)
-        return belief._replace(time=time, run=run, mean=mean, covariance=covariance)
+        kept = math.exp(-dt / self._cooling_time)
+        warmed = kept * belief.warmed + (1.0 - kept) * self._warming * np.divide(belief.heating, self._J_max)
+        return belief._replace(time=time, run=run, mean=mean, covariance=covariance, warmed=warmed)
 
     def _seen(self, belief: Belief) -> tuple[Vector, Matrix]:
         """A whole sample at a belief, and its derivatives in all that is estimated."""
@@ -547,7 +558,7 @@ class Observer:
             spread = self._put_between_transformations(run, reference, belief)
             mean[states] = prior - about
             covariance = spread @ self._at_any @ spread.T
-            found = Belief(belief.time, reference, run, spread @ mean, covariance, belief.heating, belief.T_E, 1.0, False)
+            found = belief._replace(reference=reference, run=run, mean=spread @ mean, covariance=covariance)
             found = self._balanced(found)
         return found
 
@@ -699,9 +710,12 @@ class Observer:
         sample, derivatives = self._seen(belief)
         out = derivatives[self._outputs]
         about = self._about(belief)
-        out[: self._structure.wires] = self._coordinates_of(belief).of_temperatures(self._whole(belief, about), about)
+        whole, wires = self._whole(belief, about), self._structure.wires
+        out[:wires] = self._coordinates_of(belief).of_temperatures(whole, about)
         covariance = max(1.0, belief.inconsistency) * (out @ belief.covariance @ out.T + self._least)
         T, x_M, stress = sample[self._outputs].reshape(len(OUTPUTS), -1)
+        hotter = np.maximum(belief.T_E + belief.warmed - T, 0.0)
+        covariance[:wires, :wires] += self._doubt(whole) * np.diag(hotter**2)
         values = belief.reference.propagation.model.config.parameters
         strain = np.array([one for one, _ in self._structure.strains(sample[self._length].tolist(), values)])
         return Estimate(
@@ -714,6 +728,16 @@ class Observer:
             strain,
             belief.inconsistency,
         )
+
+    def _doubt(self, whole: Vector) -> float:
+        """The probability that what is measured is not of this robot, by all that is estimated (size,).
+
+        That sensors are stuck, or the structure is blocked, was improbable before; so are, given enough of it, the
+        parameters, powers and biases of a model that explains it. Their log prior density less that of the most probable
+        ones is minus half their squares in units of the prior.
+        """
+        beside = whole[self._at.parameters.start :]
+        return float(expit(0.5 * beside @ self._precision @ beside - IMPROBABLE))
 
     def _forget(self) -> None:
         """Drop what is older than the window, but for one belief."""
