@@ -27,6 +27,7 @@ from sma_sim import Config, Input, Model, simulate
 from sma_sim.challenge.draw import draw_parameters, draw_random_command, draw_truths
 from sma_sim.challenge.make import nominal_for
 from sma_sim.challenge.robot import MAX_ANGLE, MAX_WIRE_TEMPERATURE, NOISE_STD, REST_DURATION, Hidden, Robot
+from sma_sim.evidence.state_estimation.heat_balance import heat_balance
 from sma_sim.observer import Observer
 from sma_sim.solver.columns import sample_columns
 from sma_sim.solver.fixed_rate import FixedRateRun
@@ -125,13 +126,12 @@ def observed(config: Config, truth: Truth, channels: tuple[str, ...], lost: floa
 def heat_balance_alone(config: Config, truth: Truth) -> float:
     """RMS error of T [K] of C dT/dt = J - lambda A_s (T - T_E), solved exactly over each step."""
     w, T_E = Model(config).wire, config.parameters['environment.T_E']
-    decay = np.exp(-w.lambda_ * w.surface / (w.volume * w.rho * w.c_V) / RATE)
     T = np.full(2, T_E)
     rows = []
     for J in truth.J_eq:
         rows.append(T)
-        final = T_E + np.maximum([J, -J], 0.0) / w.n / (w.lambda_ * w.surface)
-        T = final + (T - final) * decay
+        T, for_each_watt = heat_balance(w, T, T_E, 1.0 / RATE)
+        T = T + for_each_watt * np.maximum([J, -J], 0.0) / w.n
     return float(np.sqrt(np.mean((np.array(rows) - truth.states['T']) ** 2)))
 
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sma_sim import Config, Model, UserError
-from sma_sim.evidence.state_estimation.guard import heat_balance
+from sma_sim.evidence.state_estimation.heat_balance import heat_balance
 from sma_sim.guard import Counters, Guard
 from sma_sim.observer import Estimate, Observer
 from sma_sim.solver.columns import sample_columns

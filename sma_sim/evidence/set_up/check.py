@@ -244,7 +244,8 @@ def proposed(problem: Problem, z: Vector, context: SearchContext) -> list[Propos
             found += [(fault, total)] if {*fault.recordings} <= {*names} else []
         elif names:
             found.append((replace(fault, recordings=() if all(nearer) else names), total))
-            found += [] if all(nearer) else [(fault, sum(left))]
+            if not all(nearer):
+                found.append((fault, sum(left)))
     least = min((total for _, total in found), default=inf)
     near = [fault for fault, total in found if total <= HOPELESS * least]
     proposals = [Proposal(fault, log_share(fault, len(faults), len(problem.runs)) - SPARSITY) for fault in near]

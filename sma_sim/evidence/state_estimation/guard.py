@@ -27,11 +27,11 @@ import numpy as np
 
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.state_estimation.estimate import Estimate
+from sma_sim.evidence.state_estimation.heat_balance import heat_balance
 from sma_sim.model.argument_checks import as_array, expect
 from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
-from sma_sim.model.parameters import WireConstants
 from sma_sim.model.system import commanded_heating
 from sma_sim.solver.model import Model
 
@@ -283,13 +283,6 @@ class Guard:
             elif abs(x - extreme) > CYCLE:
                 self.counters.cycles[i] += 0.5 if side else 0.0  # the way to the first extreme is no turn
                 self._turns[i] = (x, 1 if x > extreme else -1)
-
-
-def heat_balance(wire: WireConstants, T: Vector, T_E: float, lasted: float) -> tuple[Vector, float]:
-    """Temperatures (wires,) [K] after so many seconds without heating and latent heat, and what each watt adds [K/W]."""
-    cooling = wire.lambda_ * wire.surface
-    decay = math.exp(-cooling * lasted / (wire.volume * wire.rho * wire.c_V))
-    return T * decay + T_E * (1.0 - decay), (1.0 - decay) / cooling
 
 
 def smallest(room: Vector, added: Vector) -> tuple[float, int]:

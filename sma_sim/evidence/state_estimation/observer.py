@@ -50,6 +50,7 @@ from numpy.typing import NDArray
 from scipy.special import expit, ndtr
 
 from sma_sim.evidence.state_estimation.estimate import Estimate, RobotState
+from sma_sim.evidence.state_estimation.heat_balance import heat_balance
 from sma_sim.evidence.state_estimation.invariants import InvariantCoordinates
 from sma_sim.evidence.state_estimation.uncertain import (
     channel_discrepancies,
@@ -388,10 +389,8 @@ class Observer:
         self._stationary = np.diag(stationary)
         self._stationary[at.parameters, at.parameters] = prior_correlation(self.config, self._free, self._gain_std)
         wire, of_states = propagation.model.wire, np.zeros(self._size)
-        self._J_max, cooling = self.config.parameters['node.J_max'], wire.lambda_ * wire.surface
-        self._warming = self._J_max / (wire.n * cooling)  # [K]
-        self._cooling_time = wire.volume * wire.rho * wire.c_V / cooling
-        beside_states = slice(at.parameters.start, self._size)
+        self._wire, beside_states = wire, slice(at.parameters.start, self._size)
+        self._warming = self.config.parameters['node.J_max'] / (wire.n * wire.lambda_ * wire.surface)  # [K]
         self._precision = np.linalg.pinv(self._stationary[beside_states, beside_states], hermitian=True)
         of_states[temperatures] = (u['initial_T_std'] / self._scales_of_T) ** 2
         of_states[: p.coordinates] = u['discrepancy'] ** 2
@@ -448,7 +447,7 @@ class Observer:
     def _commanded(self, belief: Belief, heating: tuple[float, ...]) -> Belief:
         """A belief under another heating (wires,) [W], at which the power of a wire differs from it by another part."""
         at, same = self._at.heating, np.ones(self._size)
-        same[at] = np.exp(-np.abs(np.subtract(heating, belief.heating)) / self._J_max)
+        same[at] = np.exp(-np.abs(np.subtract(heating, belief.heating)) / self.config.parameters['node.J_max'])
         covariance = belief.covariance * np.outer(same, same)
         covariance[at, at] += np.diag((1.0 - same[at] ** 2) * self.config.parameters['observer.gain_change_std'] ** 2)
         return belief._replace(heating=heating, mean=belief.mean * same, covariance=covariance)
@@ -513,8 +512,8 @@ class Observer:
         covariance[:first, :first] += stirred @ stirred.T
         mean = belief.mean * decay
         mean[:first] = moved[:first] @ self._beside(belief)
-        kept = math.exp(-dt / self._cooling_time)
-        warmed = kept * belief.warmed + (1.0 - kept) * self._warming * np.divide(belief.heating, self._J_max)
+        warmed, for_each_watt = heat_balance(self._wire, belief.warmed, 0.0, dt)
+        warmed = warmed + for_each_watt * np.divide(belief.heating, self._wire.n)
         return belief._replace(time=time, run=run, mean=mean, covariance=covariance, warmed=warmed)
 
     def _seen(self, belief: Belief) -> tuple[Vector, Matrix]:
