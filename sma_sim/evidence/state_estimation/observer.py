@@ -55,6 +55,7 @@ from sma_sim.evidence.state_estimation.invariants import InvariantCoordinates
 from sma_sim.evidence.state_estimation.uncertain import (
     channel_discrepancies,
     configured,
+    heating_std,
     models_about,
     prior_correlation,
     uncertain_parameters,
@@ -380,7 +381,7 @@ class Observer:
         self._walk[self._fractions] = (u['x_M_walk'] / unit) ** 2
         for place, std, time in (
             (at.parameters, 1.0, u['parameter_time']),
-            (at.heating, math.hypot(u['power_std'], u['gain_change_std']), u['power_time']),
+            (at.heating, heating_std(self.config), u['power_time']),
             (at.T_E, u['T_E_std'], u['T_E_time']),
             (slice(at.count, self._size), channel_discrepancies(self.config), u['discrepancy_time']),
         ):

@@ -79,17 +79,25 @@ def models_about(config: Config, free: tuple[FreeParameter, ...], z: Vector) -> 
     return Model(configured(config, free, z)), [Model(configured(config, free, one)) for one in moved]
 
 
-def least_cooling(config: Config) -> float:
-    """How much heating keeps a bundle 1 K above its surroundings at the least, n lambda A_s [W/K].
+def heating_std(config: Config) -> float:
+    """By which part the power that reaches a wire differs from one command [-], beside what holds for all commands."""
+    return math.hypot(config.parameters['observer.power_std'], config.parameters['observer.gain_change_std'])
 
-    At the least: less ``guard.margin`` standard deviations of what is not known of it and of the power that reaches a wire.
+
+def least_cooling(config: Config) -> float:
+    """What has to be commanded at the least to keep a bundle 1 K above its surroundings, n lambda A_s/(1 + g) [W/K].
+
+    lambda is that for a watt of the command, as an observer knows it (`uncertain_parameters`), and g is by which part the
+    power differs at this command. Priors are of ln lambda, and ln(1 + g) = g to first order, so that the logarithm of
+    the whole is normal, with a standard deviation s: at the least exp(-m s) of its median, with m = ``guard.margin``.
     """
-    free, given = uncertain_parameters(config), config.parameters
+    gain_std, margin = config.parameters['observer.gain_std'], config.parameters['guard.margin']
+    free = uncertain_parameters(config, gain_std)
     model, moved = models_about(config, free, np.zeros(len(free)))
     cooling = np.array([one.wire.n * one.wire.lambda_ * one.wire.surface for one in (model, *moved)])
     slopes = np.log(cooling[1:] / cooling[0]) / DELTA
-    std = np.sqrt(slopes @ prior_correlation(config, free) @ slopes + given['observer.power_std'] ** 2)
-    return float(cooling[0] * max(1.0 - given['guard.margin'] * std, 0.0))
+    std = np.sqrt(slopes @ prior_correlation(config, free, gain_std) @ slopes + heating_std(config) ** 2)
+    return float(cooling[0] * np.exp(-margin * std))
 
 
 def channel_discrepancies(config: Config) -> Vector:
