@@ -69,6 +69,24 @@ HISTORIES = (  # heating, and when an observer starts [s]
 )
 
 
+def test_no_wire_is_colder_than_its_surroundings_leave_it():
+    """Beside a robot whose bundles are exchanged, which moves against its commands: transforming takes 25 K at most."""
+    heating = ((0.0, 0.0), (19.0, 0.4), (-19.0, 1.9), (19.0, 3.4))
+    channels, _, _ = truth_of(Config(), heating, 4.4)
+    told = tuple((-J, since) for J, since in heating)
+    observer, found = observed(Config(), channels, told, POSE)
+    assert min(one.T.min() for one in found) > 298.0 - 25.0
+    assert max(one.T_std.max() for one in found[-25:]) > 20.0  # which a guard does not heat
+    p, state = observer.state.model.compiled, observer.state.run.state
+    assert state.y[p.first_T : p.first_T + p.wires].min() > 298.0 - 25.0
+
+
+def test_a_wire_follows_surroundings_that_get_warmer():
+    observer = Observer(Config())
+    found = [observer.update(k / RATE, 0.0, dict.fromkeys(POSE, 0.0), 298.0 if k < 50 else 318.0) for k in range(55)]
+    assert abs(found[50].T - 298.0).max() < 3.0 and found[-1].T.max() < 313.0
+
+
 def observed_from(begin, config, channels, heating, names):
     """Estimates of an observer that starts beside a running robot, at all samples from `begin` [s] on."""
     one, found = Observer(config), []

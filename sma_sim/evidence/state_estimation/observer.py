@@ -32,6 +32,9 @@ ratio R is more than 1, the power that reaches a wire fluctuates about the comma
 `power_std`^2 and for as long as R is averaged over: a driver that is late is then not taken for a wire of another heat
 capacity, and cooling, of which the driver has no part, tells it.
 
+A wire is not colder than its surroundings but for the heat that it takes to transform to austenite. A linear correction by
+what contradicts the commands knows nothing of that; what is said of the wires, and predictions, do (`_not_too_cold`).
+
 Sensors that are stuck show wires that no power warms. Where parameters that explain what is measured are as improbable as
 that, a wire may be as hot as the commands alone would make it: the variance of T has that, by the probability of either.
 """
@@ -47,6 +50,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 from scipy.special import expit, ndtr
 
 from sma_sim.evidence.state_estimation.estimate import Estimate, RobotState
@@ -64,6 +68,7 @@ from sma_sim.model.argument_checks import as_array, as_kelvin, expect
 from sma_sim.model.automaton import INNER, TO_AUSTENITE, TO_MARTENSITE
 from sma_sim.model.config import Config
 from sma_sim.model.errors import PhysicsWarning, UserError
+from sma_sim.model.material import heat_capacity, latent_heat
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.system import commanded_heating
 from sma_sim.model.unit_mismatch import mismatch_of
@@ -123,6 +128,7 @@ class Belief(NamedTuple):
     inconsistency: float
     is_corrected: bool  # by a measurement since the robot was taken to be at rest
     warmed: Vector  # by the commands alone, of which none becomes latent heat (wires,) [K] above T_E
+    unheated: float  # of a wire that nothing heats and that does not transform, at the least [K]
     log_evidence: float = 0.0  # of all measurements since then
     forces_are_measured: bool = False
 
@@ -212,7 +218,7 @@ class Observer:
 
         Raises UserError before the first message.
         """
-        estimate, belief, at = self.estimate, self._beliefs[-1][0], self._at
+        estimate, belief, at = self.estimate, self._not_too_cold(self._beliefs[-1][0]), self._at
         run, mean = self._run_from_estimate(belief)
         return RobotState(
             belief.time,
@@ -422,7 +428,7 @@ class Observer:
         mean = np.zeros(self._size)
         mean[at.parameters.start : at.count] = reference.extra
         covariance = spread @ self._at_start @ spread.T
-        return Belief(time, reference, run, mean, covariance, heating, T_E, 1.0, False, np.zeros(len(heating)))
+        return Belief(time, reference, run, mean, covariance, heating, T_E, 1.0, False, np.zeros(len(heating)), T_E)
 
     def _after(self, event: Event) -> Hypotheses:
         """The beliefs after an event that follows those that there are beliefs of."""
@@ -501,7 +507,8 @@ class Observer:
             moved = propagation.advance(run, np.array([belief.time, time]), self._inputs(belief)[None])
         except SimulationError:
             self.restarts += 1
-            return self._start(self._first.reference, time, belief.heating, belief.T_E)._replace(warmed=belief.warmed)
+            again = self._start(self._first.reference, time, belief.heating, belief.T_E)
+            return again._replace(warmed=belief.warmed, unheated=belief.unheated)
         decay, first, size = np.exp(-self._decay * dt), at.parameters.start, self._size
         transition = np.zeros((size, size))
         transition.flat[:: size + 1] = decay
@@ -515,7 +522,9 @@ class Observer:
         mean[:first] = moved[:first] @ self._beside(belief)
         warmed, for_each_watt = heat_balance(self._wire, belief.warmed, 0.0, dt)
         warmed = warmed + for_each_watt * np.divide(belief.heating, self._wire.n)
-        return belief._replace(time=time, run=run, mean=mean, covariance=covariance, warmed=warmed)
+        follows, _ = heat_balance(self._wire, np.array([belief.unheated]), belief.T_E, dt)
+        unheated = min(float(follows[0]), belief.T_E)
+        return belief._replace(time=time, run=run, mean=mean, covariance=covariance, warmed=warmed, unheated=unheated)
 
     def _seen(self, belief: Belief) -> tuple[Vector, Matrix]:
         """A whole sample at a belief, and its derivatives in all that is estimated."""
@@ -618,16 +627,53 @@ class Observer:
         innovation, squares, expected, gained = self._innovation(belief, measured)
         expected.reshape(-1)[:: len(squares) + 1] *= np.maximum(squares / LARGEST_INNOVATION**2, 1.0)
         gain = np.linalg.solve(expected, gained.T).T
-        mean, covariance = belief.mean + gain @ innovation, belief.covariance - gain @ gained.T
-        at = self._at.parameters
-        mean[at] = np.clip(mean[at], self._limits[:, 0], self._limits[:, 1])
+        covariance = belief.covariance - gain @ gained.T
         return belief._replace(
-            mean=mean,
+            mean=self._within_limits(belief.mean + gain @ innovation),
             covariance=0.5 * (covariance + covariance.T),
             inconsistency=self._running(belief, float(np.mean(squares))),
             is_corrected=True,
             forces_are_measured=belief.forces_are_measured or bool(np.isfinite(measured[self._forces]).any()),
         )
+
+    def _not_too_cold(self, belief: Belief) -> Belief:
+        """The belief with a mean of which no wire is colder than its surroundings leave it.
+
+        C d(T - T_E)/dt = J/n - lambda A_s (T - T_E) + L_x dx_M/dt with J >= 0 leaves
+
+            T >= T_E - (1 - x_M) L_x/C :
+
+        where both sides are the same, the left one less the right one does not decrease. After T_E has risen, in place of it
+        stands the temperature of a wire that follows it. A linear correction knows no bound. A mean that is beyond is moved
+        to the most probable place that is not (Simon and Chia, IEEE Trans. Aerosp. Electron. Syst. 38 (2002) 128): the least
+        d' P^-1 d with inequalities, by its dual problem. The covariance stays: of a normal distribution whose mean is beyond
+        a bound, what is within has a mean square about the bound of no more than the variance, and of all of it where the
+        mean is at the bound.
+
+        The filter itself goes on without: what is beyond a bound again and again is no information about parameters.
+        """
+        sample, derivatives = self._seen(belief)
+        T, x_M, stress = sample[self._outputs].reshape(len(OUTPUTS), -1)
+        wire, least = belief.reference.propagation.model.wire, belief.unheated
+        heats = np.array([latent_heat(least, max(sigma, 0.0), wire) for sigma in stress.tolist()])
+        colder = np.clip(1.0 - x_M, 0.0, 1.0) * heats / heat_capacity(least, 1.0, wire)
+        room = T + colder - least - belief.mean[self._at.T_E]
+        if not (room < 0.0).any():
+            return belief
+        rows = derivatives[self._outputs[: len(T)]]
+        rows[:, self._at.T_E] -= 1.0
+        gained = belief.covariance @ rows.T
+        variances, directions = np.linalg.eigh(rows @ gained)
+        known = variances > np.finfo(float).eps * variances[-1]
+        roots, directions = np.sqrt(variances[known]), directions[:, known]
+        pushes, _ = nnls(roots[:, None] * directions.T, -room @ directions / roots)
+        return belief._replace(mean=self._within_limits(belief.mean + gained @ pushes))
+
+    def _within_limits(self, mean: Vector) -> Vector:
+        """All that is estimated (size,), its parameters within their limits, in place."""
+        at = self._at.parameters
+        mean[at] = np.clip(mean[at], self._limits[:, 0], self._limits[:, 1])
+        return mean
 
     def _log_density(self, belief: Belief, measured: Vector) -> float:
         """Log of the density that a belief gives to a measurement (channels,), of which an outlier decides nothing."""
@@ -707,6 +753,7 @@ class Observer:
         return replace(found[0], T=T, x_M=x_M, stress=stress, covariance=covariance)
 
     def _estimate_by(self, belief: Belief) -> Estimate:
+        belief = self._not_too_cold(belief)
         sample, derivatives = self._seen(belief)
         out = derivatives[self._outputs]
         about = self._about(belief)
