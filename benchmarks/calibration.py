@@ -52,15 +52,15 @@ from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis, diagnose
 from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.levenberg_marquardt import refit
 from sma_sim.evidence.estimation.prepared_fit import prepare
 from sma_sim.evidence.estimation.problem import Problem
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT
 from sma_sim.evidence.model_selection.candidates import Candidate, candidates_for
+from sma_sim.evidence.model_selection.model_changes import with_candidate
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit
-from sma_sim.evidence.model_selection.refit import refit
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
-from sma_sim.evidence.model_selection.sketches import with_candidate
 from sma_sim.evidence.search.posterior import Posterior
 from sma_sim.evidence.search.score import SPARSITY, Evidence, evidence_of
 from sma_sim.model.config import Config

@@ -27,6 +27,7 @@ from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.challenge.robot import NOISE_STD, Robot
 from sma_sim.evidence.estimation.calibrate import FitOptions, problem_for
 from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.levenberg_marquardt import refit
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS, WEAKLY_DAMPED
 from sma_sim.evidence.experiment_design.design import next_experiment
@@ -39,7 +40,6 @@ from sma_sim.evidence.experiment_design.rival_fits import (
     named_rivals,
 )
 from sma_sim.evidence.experiment_design.sequences import CommandGrid, as_input, default_sequence
-from sma_sim.evidence.model_selection.refit import refit
 from sma_sim.model.config import Config
 
 PAIRS = (

@@ -39,12 +39,13 @@ from sma_sim.challenge.robot import NOISE_STD
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.estimation.calibrate import problem_for
 from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.levenberg_marquardt import refit
 from sma_sim.evidence.estimation.problem import Problem, at_defaults, residuals_at, start_point
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, FROM_PRIORS
 from sma_sim.evidence.model_selection.candidates import Candidate, candidates_for
-from sma_sim.evidence.model_selection.refit import at_finite_step, refit
-from sma_sim.evidence.model_selection.sketches import with_candidate
+from sma_sim.evidence.model_selection.model_changes import with_candidate
+from sma_sim.evidence.model_selection.score_tests import at_finite_step
 from sma_sim.evidence.search.score import Evidence, evidence_of, prior_of_values
 from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.solver.simulate import SimulationError

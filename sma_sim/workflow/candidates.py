@@ -37,11 +37,12 @@ from sma_sim.evidence.estimation.problem import (
     quadratic_model,
     residuals_at,
 )
+from sma_sim.evidence.estimation.projection import Projection
 from sma_sim.evidence.estimation.residuals import fit_data
 from sma_sim.evidence.estimation.search_context import SearchContext, Stop, silent_iteration
 from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, SKETCH_DECREASE
 from sma_sim.evidence.model_selection.candidates import candidates_for, with_effect
-from sma_sim.evidence.model_selection.score_tests import Projection, ScreeningResult, screen
+from sma_sim.evidence.model_selection.score_tests import ScreeningResult, screen
 from sma_sim.evidence.residual_analysis.compare import run_beside_model
 from sma_sim.evidence.residual_analysis.metrics import channel_scores, total_error
 from sma_sim.evidence.search.components import Catalogue, Component

@@ -18,17 +18,17 @@ from sma_sim.evidence.diagnosis.review import reviewed
 from sma_sim.evidence.estimation.calibrate import FitOptions, problem_for
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.problem import AMBIENT, linearize, residuals_at, start_point
-from sma_sim.evidence.estimation.recording_differences import AMBIENT_STD, RecordingDifference, with_differences
+from sma_sim.evidence.estimation.motion_before import begin_in_motion
+from sma_sim.evidence.estimation.problem import AMBIENT, linearize, residuals_at, start_point, with_difference
+from sma_sim.evidence.estimation.recording_differences import AMBIENT as UNKNOWN_ROOM
+from sma_sim.evidence.estimation.recording_differences import AMBIENT_STD, IN_MOTION, RecordingDifference, with_differences
 from sma_sim.evidence.estimation.residuals import Nuisance, fit_data, planned_run, predict
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import Candidate
-from sma_sim.evidence.model_selection.differing_recordings import AMBIENT as UNKNOWN_ROOM
-from sma_sim.evidence.model_selection.differing_recordings import IN_MOTION, begin_in_motion, promises, with_difference
+from sma_sim.evidence.model_selection.differing_recordings import promises
+from sma_sim.evidence.model_selection.model_changes import with_candidate, without_effect
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
-from sma_sim.evidence.model_selection.refit import without_effect
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
-from sma_sim.evidence.model_selection.sketches import with_candidate
 from sma_sim.evidence.search.components import Component
 from sma_sim.evidence.search.refine import Model, without_difference
 from sma_sim.solver.inputs import Input, inputs_at
@@ -114,7 +114,7 @@ def test_what_is_promised_at_the_nominal_parameters():
     problem = problem_for(dataset, sma_sim.Config(), OPTIONS, 5)
     z = start_point(problem)
     with executor_or_threads(None) as pool:
-        found = {one.difference.words: one.gain for one in promises(problem, z, SearchContext(pool, Event()))}
+        found = {one.words: gain for one, gain in promises(problem, z, SearchContext(pool, Event())).items()}
         squares = sum(float(np.vdot(run.residuals, run.residuals)) for run in linearize(problem, z, pool))
     room = found.pop('the ambient temperature')
     assert room > 0.5 * squares and room > max(found.values())
@@ -232,9 +232,9 @@ def test_a_motion_before_is_proposed_where_first_samples_are_not_those_at_rest()
             problem = problem_for(sma_sim.Dataset(recordings, NOISE), sma_sim.Config(), OPTIONS, 5)
             bent = start_point(problem) + 0.3 * (np.arange(len(start_point(problem))) < len(problem.free))
             found = promises(problem, bent, SearchContext(pool, Event()))
-            (motion,) = [one for one in found if one.difference.in_motion]
-            assert (motion.gain > 100.0) == begins_warm
-            assert begin_in_motion(problem, SearchContext(pool, Event())) == begins_warm == (motion.gain > 0.0)
+            motion = found[IN_MOTION]
+            assert (motion > 100.0) == begins_warm
+            assert begin_in_motion(problem, SearchContext(pool, Event())) == begins_warm == (motion > 0.0)
 
 
 @pytest.mark.slow

@@ -26,6 +26,7 @@ from sma_sim.evidence.estimation.calibrate import (
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, free_parameter
 from sma_sim.evidence.estimation.held_out_prediction import RunFit, pooled_error
+from sma_sim.evidence.estimation.levenberg_marquardt import refit
 from sma_sim.evidence.estimation.prepared_fit import prepare
 from sma_sim.evidence.estimation.problem import LinearizedRun, cost_of, costs_at, residuals_at
 from sma_sim.evidence.estimation.residuals import Nuisance, compared
@@ -40,9 +41,8 @@ from sma_sim.evidence.estimation.uncertainty import (
     with_other_minima,
 )
 from sma_sim.evidence.model_selection.candidates import candidate_of
-from sma_sim.evidence.model_selection.refit import refit
+from sma_sim.evidence.model_selection.model_changes import with_candidate
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
-from sma_sim.evidence.model_selection.sketches import with_candidate
 from sma_sim.model.errors import UserError
 from sma_sim.model.program_parameters import DEFAULTS
 from sma_sim.words.fit_remarks import other_minima, remarks_on
@@ -250,7 +250,9 @@ def test_values_that_data_leave_open_are_those_of_a_fit_with_the_same_effects():
         before = pooled_error(data.predicted(searched, context))[0]
         last = conclusion.final_stage(data, 'added', conclusion.as_fitted(searched, context), context)
     names = [name for name in asked.values if name.startswith('effects.stress')]
-    assert [last.values[name] for name in names] == pytest.approx([asked.values[name] for name in names], rel=0.05)
+    assert [last.calibration.values[name] for name in names] == pytest.approx(
+        [asked.values[name] for name in names], rel=0.05
+    )
     assert last.held_out < 0.8 * before
 
 
@@ -287,7 +289,7 @@ def test_an_effect_that_predicts_worse_is_not_found(monkeypatch, held_out, toget
     monkeypatch.setattr(conclusion, 'has_terms', lambda _: False)
     posterior = SimpleNamespace(best=SimpleNamespace(components=()), unlisted=0.0, overdispersion=1.0)
     last = replace(fit)
-    found = conclusion.conclusion([('nominal', fit), ('added', last)], posterior, data, SearchContext(None, Event()))
+    found = conclusion.conclusion([fit, last], False, posterior, data, SearchContext(None, Event()))
     assert found.verdict == verdict and (len(found.stages) > 2) == retracted
 
 

@@ -12,7 +12,8 @@ from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.estimation import run_subset
 from sma_sim.evidence.estimation.calibrate import SAME_OPTIMUM, problem_for
 from sma_sim.evidence.estimation.executors import in_turn
-from sma_sim.evidence.estimation.run_subset import from_subset, to_subset
+from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.run_subset import on_all_runs, to_subset
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 
@@ -38,8 +39,8 @@ def test_the_part_is_spread_over_the_runs_and_finds_its_place_again(many):
     names = [run.name for run in part.runs]
     assert len(names) == 3 and names[0] == problem.runs[0].name and names[-1] == problem.runs[-1].name
     small = to_subset(problem, z)
-    assert len(small) == len(part.unknowns) and np.array_equal(from_subset(problem, z, small), z)
-    changed = from_subset(problem, z, small + 1.0)
+    assert len(small) == len(part.unknowns) and np.array_equal(on_all_runs(FitResult(part, small, 0.0), problem, z), z)
+    changed = on_all_runs(FitResult(part, small + 1.0, 0.0), problem, z)
     assert np.count_nonzero(changed != z) == len(small)
     for run, own in zip(part.runs, part.indices(), strict=True):
         k = [one.name for one in problem.runs].index(run.name)

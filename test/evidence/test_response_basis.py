@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sma_sim.evidence.estimation.problem import LinearizedRun
-from sma_sim.evidence.model_selection.score_tests import Projection
+from sma_sim.evidence.estimation.projection import Projection
 from sma_sim.evidence.symbolic_regression.response_basis import TOLERANCE, by_combination, by_product
 
 

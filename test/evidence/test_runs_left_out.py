@@ -23,7 +23,7 @@ from sma_sim.evidence.estimation.held_out_prediction import (
 )
 from sma_sim.evidence.estimation.prepared_fit import PreparedFit
 from sma_sim.evidence.estimation.problem import start_point
-from sma_sim.evidence.estimation.run_subset import MAX_SUBSET_RUNS, from_subset, run_subset, subset_indices, to_subset
+from sma_sim.evidence.estimation.run_subset import MAX_SUBSET_RUNS, on_all_runs, run_subset, to_subset
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS, WEAKLY_DAMPED
 from sma_sim.solver.beginning import Beginning
@@ -39,8 +39,8 @@ def test_a_subset_is_spread_over_the_runs_from_the_first_to_the_last():
     for run, at in zip(subset.runs, subset.indices(), strict=True):
         k = problem.runs.index(run)
         assert (part[at] == z[problem.indices()[k]]).all()
-    again = from_subset(problem, z, -part)
-    assert (again[subset_indices(problem)] == -part).all() and (np.abs(again) == z).all()
+    again = on_all_runs(FitResult(subset, -part, 0.0), problem, z)
+    assert (to_subset(problem, again) == -part).all() and (np.abs(again) == z).all()
     assert (again > 0.0).sum() == len(z) - len(part) and len(run_subset(problem_of(3)).runs) == 3
 
 

@@ -580,7 +580,7 @@ def test_what_promises_most_is_fitted_though_its_sketch_has_failed(monkeypatch):
     names = [one.name for one in CATALOGUE.effects][: REFITTED + 3]
     costs = dict(zip(names, [90.0, *range(10, 10 + len(names))], strict=False))
     monkeypatch.setattr(
-        refine, 'sketched', lambda base, some, *_: [[FitResult(None, None, costs[one.candidate.name])] for one in some]
+        refine, 'sketched', lambda base, some, *_: [FitResult(None, None, costs[one.candidate.name]) for one in some]
     )
     found = refine.best_by_sketch(None, [component(name) for name in names], None, 100.0, 100.0)
     assert [one.name for one, *_ in found] == [*names[1 : REFITTED + 1], names[0]]

@@ -28,16 +28,15 @@ from sma_sim.evidence.estimation.curve_features import curve_features
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
 from sma_sim.evidence.estimation.free_parameters import declared_parameters, free_parameter
 from sma_sim.evidence.estimation.held_out_prediction import RunFit, point_with, pooled_error, predict_recordings, run_fits
+from sma_sim.evidence.estimation.levenberg_marquardt import refit
 from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.prepared_fit import PreparedFit
-from sma_sim.evidence.estimation.problem import Problem, at_defaults, cost_at, linearize
-from sma_sim.evidence.estimation.recording_differences import RecordingDifference, with_differences
+from sma_sim.evidence.estimation.problem import Problem, at_defaults, cost_at, linearize, with_difference, with_values
+from sma_sim.evidence.estimation.recording_differences import AMBIENT, RecordingDifference, with_differences
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS
 from sma_sim.evidence.estimation.uncertainty import AmbientDifference, known_ambient
-from sma_sim.evidence.model_selection.criteria import CRITERIA, fits_all, unexplained_above
-from sma_sim.evidence.model_selection.differing_recordings import AMBIENT, with_difference
-from sma_sim.evidence.model_selection.refit import refit
+from sma_sim.evidence.model_selection.criteria import CRITERIA, fits_all
 from sma_sim.evidence.search.beam import Book
 from sma_sim.evidence.search.equations import has_terms
 from sma_sim.evidence.search.posterior import EVEN, Posterior
@@ -68,18 +67,21 @@ class HeldOutVerdict:
     error: float = field(default=float('nan'))
 
 
-def conclusion(path: ModelPath, posterior: Posterior, data: StageData, context: SearchContext) -> Conclusion:
+def conclusion(
+    path: Sequence[FitResult], is_formula: bool, posterior: Posterior, data: StageData, context: SearchContext
+) -> Conclusion:
     """Read the held-out runs once: they confirm the last model, or speak for an earlier one.
+
+    `path`: the models from the nominal one to the last; whether what this one adds `is_formula`.
 
     Fitted runs may leave open what a model predicts. One that explains all runs when it is fitted to them, and else predicts
     those held out worse than an earlier one, is judged by what all runs say of both.
     """
-    *before, (kind, fit) = path
-    last, together = as_fitted(fit, context), None
-    fits = [estimated(earlier, data, context) for _, earlier in before]
-    stages = [provisional_stage(data, name, one, context) for (name, _), one in zip(before, fits, strict=True)]
+    last, together = as_fitted(path[-1], context), None
+    fits = [estimated(earlier, data, context) for earlier in path[:-1]]
+    stages = [provisional_stage(data, 'added' if k else 'nominal', one, context) for k, one in enumerate(fits)]
     known = data.under(last, context)
-    stages.append(final_stage(known, kind, last, context))
+    stages.append(final_stage(known, 'formula' if is_formula else 'added' if stages else 'nominal', last, context))
     fitted_explained = stages[-1].train <= max(CRITERIA.noise_only, fits_all(data.limit))
     if fitted_explained and stages[-1].held_out > data.limit:
         together = pooled_refit(known, last, stages[-1].predicted, context)
@@ -97,7 +99,7 @@ def conclusion(path: ModelPath, posterior: Posterior, data: StageData, context: 
         is_worse = densities[best] > densities[-1] + TIE
     if is_worse and not explained:
         context.on_progress('the held-out runs are more probable with fewer components')
-        last = as_fitted(path[best][1], context)
+        last = as_fitted(path[best], context)
         stages.append(final_stage(data.under(last, context), 'retracted', last, context))
         return Conclusion('unknown_effect', last, tuple(stages), None)
     if is_worse and together is not None:
@@ -197,7 +199,6 @@ def verdicts_by_run(book: Book, posterior: Posterior, data: StageData, last: Con
 
 
 StageKind = Literal['nominal', 'added', 'retracted', 'formula']
-ModelPath = Sequence[tuple[StageKind, FitResult]]  # the models from the nominal one to the last
 
 
 @dataclass(frozen=True)
@@ -212,21 +213,6 @@ class ModelStage:
     effects: tuple[str, ...]
     calibration: Calibration
     predicted: tuple[RunFit, ...]
-
-    @property
-    def delay(self) -> float:
-        """The fitted delay of the measurement [s]."""
-        return self.calibration.delay
-
-    @property
-    def values(self) -> Mapping[str, float]:
-        """The fitted parameters by name (SI)."""
-        return self.calibration.values
-
-    @property
-    def runs(self) -> tuple[RunFit, ...]:
-        """The training runs under the model."""
-        return self.calibration.runs
 
     @property
     def model(self) -> str:
@@ -269,16 +255,14 @@ class StageData:
 
     @property
     def limit(self) -> float:
-        """The normalized RMSE above which something is missing that no accepted effect explains."""
-        structures = [known_structures()[recording.system] for recording in self.training.recordings]
-        if not all(structure.is_quasi_static for structure in structures) or 'strain' not in self.training.noise_std:
+        """The normalized RMSE above which something is missing that no accepted effect explains: of isobaric tests, whose
+        noise is far less than a model of one homogeneous wire can follow, at least a part of what strain spans."""
+        recordings, noise = self.training.recordings, self.training.noise_std.get('strain')
+        if noise is None or not all(known_structures()[one.system].is_quasi_static for one in recordings):
             return CRITERIA.unexplained
-        span = max(
-            float(np.nanmax(run.channels['strain']) - np.nanmin(run.channels['strain']))
-            for run in self.training.recordings
-            if 'strain' in run.channels
-        )
-        return unexplained_above(span / self.training.noise_std['strain'])
+        strains = [one.channels['strain'] for one in recordings if 'strain' in one.channels]
+        span = max(float(np.nanmax(strain) - np.nanmin(strain)) for strain in strains)
+        return max(CRITERIA.unexplained, CRITERIA.adequate_part * (span / noise))
 
     def predicted(self, fit: FitResult | Calibration, context: SearchContext) -> tuple[RunFit, ...]:
         """The held-out runs, as they are here, under a model."""
@@ -383,17 +367,15 @@ def as_fitted(fit: FitResult, context: SearchContext) -> FitResult:
     explains the fitted runs, which is no estimate of an effect that is there. A noise that was tempered has the size of what
     the fit leaves: in the end no candidates are compared by their priors.
     """
-    problem, declared, values = fit.problem, declared_parameters(fit.problem.config), fit.values
+    problem, declared = fit.problem, declared_parameters(fit.problem.config)
     added = tuple(f'effects.{name}.' for name in fit.effects)
     free = tuple(
         free_parameter(one.name, declared[one.name].default, declared[one.name]) if one.name.startswith(added) else one
         for one in problem.free
     )
-    z = fit.z.copy()
-    for k, one in enumerate(free):
-        z[k] = np.clip(one.coordinate(values[one.name]), one.low, one.high)
     tempering = max(1.0, fit.error) if problem.tempering > 1.0 else problem.tempering
     problem = replace(problem, free=free, tempering=tempering)
+    z = with_values(problem, fit.z, fit.values)
     return replace(fit, problem=problem, z=z, cost=cost_at(problem, z, context.pool))
 
 

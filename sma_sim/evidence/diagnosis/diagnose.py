@@ -340,20 +340,16 @@ def search_effects(
         before = max((k for k, model in enumerate(models) if not has_terms(model)))
         proposal = proposal_of(posterior.best, path[before], book, posterior, context)
         path = [*path[: before + 1], with_all_runs(replace(posterior.best, fit=proposal.fit), nominal, 1.0, context)]
-    kinds: list[StageKind] = ['added'] * len(path)
-    kinds[0], kinds[-1] = 'nominal', 'nominal' if len(path) == 1 else 'formula' if proposal is not None else 'added'
-    end = conclusion(list(zip(kinds, path, strict=True)), posterior, data, context)
+    end = conclusion(path, proposal is not None, posterior, data, context)
     proposed = proposal if proposal is not None and end.stages[-1].kind == 'formula' else None
-    similar = None
-    if proposal is not None and not context.stop.is_set():
-        similar = most_similar(proposal.fit, steps[0], context.pool)
+    similar = None if proposal is None or context.stop.is_set() else most_similar(proposal.fit, steps[0], context.pool)
     return Diagnosis(
         verdict='unknown_effect' if uncertain else end.verdict,
         effects=tuple(name for name in end.last.effects if proposed is None or name != proposed.effect),
         stages=end.stages,
         selection_steps=steps,
         posterior=posterior,
-        held_out_ratio=held_out_ratios(steps[0], end.stages[0], nominal, data, context),
+        held_out_ratio=held_out_ratios(steps[0], end.stages[0], data, context),
         confounding={step.accepted.name: confoundings(step, context.pool) for step in steps if step.accepted is not None},
         training=tuple(recording.name for recording in data.training.recordings),
         held_out=tuple(recording.name for recording in data.held_out.recordings) if data.held_out else (),
@@ -385,12 +381,9 @@ def noise_after(best: FitResult, data: StageData, faults: Sequence[Fault], conte
     return tuple(fault for fault in found if fault.kind == 'noise' and not known & {*fault.quantities})
 
 
-def held_out_ratios(
-    first: SelectionStep, before: ModelStage, nominal: Sequence[FitResult], data: StageData, context: SearchContext
-) -> dict[str, float]:
+def held_out_ratios(first: SelectionStep, before: ModelStage, data: StageData, context: SearchContext) -> dict[str, float]:
     """By effect of the first step, the held-out error with it over that without; empty where no run is held out."""
     if data.held_out is None or context.stop.is_set():
         return {}
-    tried = ((one.name, data.under(one.fit, context).predicted(one.fit, context)) for one in first.candidate_fits)
-    errors = {name: pooled_error(predicted)[0] for name, predicted in tried}
-    return {name: error / before.held_out for name, error in errors.items()}
+    predicted = {one.name: data.under(one.fit, context).predicted(one.fit, context) for one in first.candidate_fits}
+    return {name: pooled_error(fits)[0] / before.held_out for name, fits in predicted.items()}

@@ -49,7 +49,7 @@ from sma_sim.evidence.estimation.problem import (
 )
 from sma_sim.evidence.estimation.residuals import ZERO_STDS, FitData, fit_data, hidden_rtol, leeway_for
 from sma_sim.evidence.estimation.run_estimates import ParameterByRun, ReducedRun, estimates_by_run, reduced_run
-from sma_sim.evidence.estimation.run_subset import from_subset, run_subset
+from sma_sim.evidence.estimation.run_subset import on_all_runs, run_subset
 from sma_sim.evidence.estimation.run_tangents import LOOSER, has_tangents
 from sma_sim.evidence.estimation.search_context import OnIteration, SearchContext, iteration_words, silent
 from sma_sim.evidence.estimation.stop_criteria import ALL_SAMPLES, FROM_PRIORS, WEAKLY_DAMPED, StopCriteria
@@ -450,7 +450,7 @@ def best_of_starts(
         for more in [fit.cost - best.cost]
     )
     if len(subset.runs) < len(thinned.runs):
-        z = from_subset(thinned, start_point(thinned), best.z)
+        z = on_all_runs(best, thinned, start_point(thinned))
         best = continued_fit(best, thinned, z, replace(criteria, damping=JOINING_DAMPING), context, 'all runs')
     return replace(best, other_starts=others)
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
+from functools import partial
+from math import inf
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_solve, cholesky, solve_triangular
@@ -28,8 +30,9 @@ from sma_sim.evidence.estimation.problem import (
     robust_weights,
 )
 from sma_sim.evidence.estimation.search_context import SearchContext, Stop
-from sma_sim.evidence.estimation.stop_criteria import StopCriteria
+from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, StopCriteria
 from sma_sim.model.arrays import Matrix, Vector
+from sma_sim.solver.simulate import SimulationError
 
 MAX_DAMPING, DAMPING_INCREASE = 1e12, 3.0  # the factor after a step that did not gain: finer ones find longer steps
 CENTRAL_BELOW = 0.1  # relative gain of a step below which differences become central
@@ -235,3 +238,20 @@ def second_order_pull(linear: Sequence[LinearizedRun], shown: Sequence[Matrix | 
                 beyond *= robust_weights(run.residuals) ** 2
             pull[run.indices] += np.tensordot(run.jacobian, beyond, 2)
     return pull
+
+
+def cannot_reach(target: float, max_iterations: int, costs: Sequence[float]) -> bool:
+    """Whether a cost that falls as slowly as in the last of at most `max_iterations` cannot come down to `target`."""
+    before, last = costs[-2:]
+    return (before - last) * (max_iterations - len(costs) + 1) < last - target
+
+
+def refit(
+    problem: Problem, z: Vector, context: SearchContext, criteria: StopCriteria = ADDED_EFFECT, target: float = inf
+) -> FitResult | None:
+    """The optimum near z, or where the cost fell too slowly to reach `target`; None where the model cannot be run there."""
+    lost = partial(cannot_reach, target, criteria.max_iterations)
+    try:
+        return minimize(problem, z, criteria, with_early_stopping(context, lost))
+    except SimulationError:
+        return None

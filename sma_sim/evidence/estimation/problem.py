@@ -7,11 +7,10 @@ arrives. The prior, one in every coordinate, keeps them well conditioned.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 from functools import partial
-from math import isnan, nan
 from typing import Any, TypeVar
 
 import numpy as np
@@ -161,12 +160,9 @@ class Problem:
         return sum(8 * len(at) * run.measured.size for run, at in zip(self.runs, self.indices(), strict=True))
 
     @property
-    def span(self) -> float:
-        """What strain spans in an isobaric test, over its noise: the most of all runs; NaN where a run is no such test."""
-        if any(isnan(run.level) or 'strain' not in run.channels for run in self.runs):
-            return nan
-        strains = [(run, run.channels.index('strain')) for run in self.runs]
-        return max(float(np.ptp(run.measured[k][run.weight[k] > 0.0]) * run.weight[k].max()) for run, k in strains)
+    def is_isobaric(self) -> bool:
+        """Whether all runs are isobaric tests, whose strain was measured."""
+        return all(run.is_quasi_static and 'strain' in run.channels for run in self.runs)
 
     def at_tolerance(self, rtol: float) -> Problem:
         """The same with another solver.rtol."""
@@ -196,6 +192,13 @@ def own_values(problem: Problem, z: Vector, other: Problem) -> Vector:
     pairs, shared = zip(problem.runs, problem.indices(), other.runs, strict=True), len(problem.shared)
     own = [values_in_order(problem.own(run), z[at[shared:]], other.own(there)) for run, at, there in pairs]
     return np.concatenate([np.zeros(0), *own])
+
+
+def with_difference(problem: Problem, z: Vector, difference: RecordingDifference) -> tuple[Problem, Vector]:
+    """The problem whose recordings differ in one thing more, and z with its unknowns at 0."""
+    runs = tuple(difference.in_run(run) for run in problem.runs)
+    differing = replace(problem, runs=runs, differences=(*problem.differences, difference))
+    return differing, with_own_unknowns(problem, z, differing)
 
 
 @dataclass(frozen=True)
@@ -502,11 +505,16 @@ def at_defaults(problem: Problem) -> Vector:
     """
     added = [one.found.effect for one in problem.config.effects if one.found.effect.name not in problem.nominal_effects]
     defaults = {f'effects.{effect.name}.{p.name}': p.default for effect in added for p in effect.parameters}
-    z = start_point(problem)
+    return with_values(problem, start_point(problem), defaults)
+
+
+def with_values(problem: Problem, z: Vector, values: Mapping[str, float]) -> Vector:
+    """A point z (n,) with free parameters at some values (SI), by name, or at the bounds beyond which these lie."""
+    found = z.copy()
     for k, free in enumerate(problem.free):
-        if free.name in defaults:
-            z[k] = np.clip(free.coordinate(defaults[free.name]), free.low, free.high)
-    return z
+        if free.name in values:
+            found[k] = np.clip(free.coordinate(values[free.name]), free.low, free.high)
+    return found
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,10 @@ class RecordingDifference:
         return replace(recording, unpowered_side=self.unpowered_side) if recording.name in self.recordings else recording
 
 
+AMBIENT = RecordingDifference('the ambient temperature', ambient=True)
+IN_MOTION = RecordingDifference('how warm its wires are when it begins', in_motion=True)
+
+
 def with_differences(dataset: Dataset, differences: Collection[RecordingDifference]) -> Dataset:
     """A dataset with what differs between its recordings."""
     recordings: Sequence[Recording] = dataset.recordings

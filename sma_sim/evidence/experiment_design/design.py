@@ -13,6 +13,7 @@ import numpy as np
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.executors import PickledConfig, executor_or_threads
 from sma_sim.evidence.estimation.free_parameters import declared_parameters
+from sma_sim.evidence.estimation.motion_before import begin_in_motion
 from sma_sim.evidence.estimation.prepared_fit import kinetics_to_try
 from sma_sim.evidence.estimation.residuals import command_column
 from sma_sim.evidence.estimation.search_context import SearchContext
@@ -61,7 +62,6 @@ from sma_sim.evidence.experiment_design.utilities import (
     information_gain,
     weak_directions,
 )
-from sma_sim.evidence.model_selection.differing_recordings import begin_in_motion
 from sma_sim.evidence.search.refine import WINDOW
 from sma_sim.model.argument_checks import checked
 from sma_sim.model.arrays import Matrix, Vector

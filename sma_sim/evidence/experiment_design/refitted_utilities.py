@@ -16,7 +16,7 @@ import numpy as np
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.calibrate import FitOptions, problem_for
 from sma_sim.evidence.estimation.executors import run_in_threads
-from sma_sim.evidence.estimation.levenberg_marquardt import minimize, with_early_stopping
+from sma_sim.evidence.estimation.levenberg_marquardt import minimize, refit, with_early_stopping
 from sma_sim.evidence.estimation.problem import Problem, residuals_at
 from sma_sim.evidence.estimation.residuals import FitData
 from sma_sim.evidence.estimation.search_context import SearchContext
@@ -37,7 +37,6 @@ from sma_sim.evidence.experiment_design.utilities import (
     evidence_ratios,
     refitted_evidence_ratios,
 )
-from sma_sim.evidence.model_selection.refit import refit
 from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.solver.simulate import SimulationError
 

@@ -12,7 +12,7 @@ from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.estimation.calibrate import FINAL_RTOL, FitOptions, full_problem, multistart_search
 from sma_sim.evidence.estimation.executors import run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.levenberg_marquardt import minimize
+from sma_sim.evidence.estimation.levenberg_marquardt import minimize, refit
 from sma_sim.evidence.estimation.log_evidence import more_probable
 from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.prepared_fit import check_data, prepare
@@ -20,8 +20,8 @@ from sma_sim.evidence.estimation.problem import Problem, accumulated, cost_at, m
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS, StopCriteria
 from sma_sim.evidence.model_selection.candidates import Candidate, candidates_for
-from sma_sim.evidence.model_selection.refit import at_finite_step, refit, with_other_kinetics
-from sma_sim.evidence.model_selection.score_tests import ScreeningResult, screen
+from sma_sim.evidence.model_selection.model_changes import with_other_kinetics
+from sma_sim.evidence.model_selection.score_tests import ScreeningResult, at_finite_step, screen
 from sma_sim.evidence.model_selection.variants import variants_of
 from sma_sim.evidence.search.beam import search
 from sma_sim.evidence.search.components import catalogue_for

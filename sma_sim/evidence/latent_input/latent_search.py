@@ -19,7 +19,8 @@ from sma_sim.evidence.estimation.calibrate import FitOptions, problem_for
 from sma_sim.evidence.estimation.executors import executor_or_threads, run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.injection_points import Port, ports_of
-from sma_sim.evidence.estimation.levenberg_marquardt import minimize
+from sma_sim.evidence.estimation.levenberg_marquardt import minimize, refit
+from sma_sim.evidence.estimation.motion_before import begin_in_motion
 from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.prepared_fit import check_data, check_kinetics, prepare
 from sma_sim.evidence.estimation.problem import Problem, residuals_at, start_point
@@ -47,9 +48,8 @@ from sma_sim.evidence.latent_input.ranking import (
 )
 from sma_sim.evidence.latent_input.refinement import RefinedHypothesis, refine_hypotheses
 from sma_sim.evidence.latent_input.results import InputEstimate, InputFinding, LatentInputs
-from sma_sim.evidence.model_selection.differing_recordings import begin_in_motion
+from sma_sim.evidence.model_selection.model_changes import with_other_kinetics
 from sma_sim.evidence.model_selection.nominal_fit import NOMINAL_STARTS, nominal_fit
-from sma_sim.evidence.model_selection.refit import refit, with_other_kinetics
 from sma_sim.evidence.search.posterior import EVEN
 from sma_sim.evidence.search.refine import TIE
 from sma_sim.model.argument_checks import check_fields, checked

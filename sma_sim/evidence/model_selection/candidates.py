@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import chain, product
 from pathlib import Path
 
 from sma_sim.evidence.model_selection.criteria import CRITERIA
@@ -15,9 +15,12 @@ from sma_sim.model.effects.meaning import is_tried
 from sma_sim.model.parameters import Parameter
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Probe:
-    """An effect a finite step away from nothing: `parameter` at `neutral + step`, the shape parameters at `shape`."""
+    """An effect a finite step away from nothing: `parameter` at `neutral + step`, the shape parameters at `shape`.
+
+    Each is only equal to itself: what was simulated with it is found by it.
+    """
 
     parameter: str
     neutral: float
@@ -37,6 +40,11 @@ class Candidate:
     def name(self) -> str:
         """Name of the effect."""
         return self.found.effect.name
+
+    @property
+    def probes(self) -> Iterator[Probe]:
+        """Those of all families."""
+        return chain.from_iterable(self.families)
 
     def largest(self, probe: Probe) -> float:
         """How many steps of a probe its parameter is realistic; at least one."""
@@ -95,8 +103,8 @@ def at_instants(candidate: Candidate, instants: Sequence[float]) -> Candidate:
     names = instants_of(candidate.found)
     if not names:
         return candidate
-    shapes = [p for p in candidate.found.effect.parameters if p.neutral is None]
-    centre = {p.name: shape_values(p)[len(shape_values(p)) // 2] for p in shapes}
+    grid = shape_grid([p for p in candidate.found.effect.parameters if p.neutral is None])
+    centre = grid[len(grid) // 2]
     return candidate_at(candidate.found, [centre | dict.fromkeys(names, instant) for instant in instants])
 
 

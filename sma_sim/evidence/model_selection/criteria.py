@@ -15,12 +15,10 @@ class SelectionCriteria:
     probe_fraction: float = 0.3
     """Probe step as a fraction of a realistic range that begins at neutral: visible, and still in the linear part."""
 
-    # Score tests: two budgets of time, and what is rounding
+    # Score tests: two budgets of time
     most_instants: int = 2000
     tried_instants: int = 3
     """Times at which residuals may change, and at how many of them an effect with an instant is probed."""
-    min_unabsorbed: float = 1e-6
-    """Fraction of a response left by what the fit can absorb, below which it is rounding error: the data cannot see it."""
 
     # What counts as explained
     noise_only: float = 1.1
@@ -36,15 +34,6 @@ class SelectionCriteria:
 
 
 CRITERIA = SelectionCriteria()
-
-
-def unexplained_above(span: float) -> float:
-    """The normalized RMSE above which something is missing that no accepted effect explains.
-
-    `span`: what strain spans in isobaric tests, over its noise, which is far less than a model of one homogeneous wire can
-    follow: there the least is a part of it. NaN for other runs.
-    """
-    return max(CRITERIA.unexplained, CRITERIA.adequate_part * span) if span == span else CRITERIA.unexplained
 
 
 def fits_all(limit: float) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from math import isnan
 from pathlib import Path
 
 from sma_sim.evidence.estimation.calibrate import FitOptions, multistart_search
@@ -71,7 +70,7 @@ def nominal_fits(start: PreparedFit, options: FitOptions, context: SearchContext
         context.on_progress(f'fitting the {kinetics} model')
         model = start.with_kinetics(kinetics)
         best = nominal_fit_of(model, options, context)
-        if not isnan(best.problem.span) and not context.stop.is_set():
+        if best.problem.is_isobaric and not context.stop.is_set():
             context.on_progress('with a difference of temperature along the specimen')
             best = nominal_fit_of(replace(model, config=with_temperature_gradient(model.config)), options, context)
         if not (fits and context.stop.is_set()):

@@ -1,8 +1,7 @@
 """Score tests: what each candidate could explain of the residuals that the fitted parameters cannot.
 
-With residuals r, derivatives J of everything that is fitted and the response s to a probe of a candidate (all over noise),
-s' = s - J^T (J J^T + 1)^-1 J s is the part of s that no fitted unknown can absorb. To first order the sum of squares
-decreases by the largest of -2 a s'r - a^2 s's' over a >= 0.
+With residuals r, and s' what no fitted unknown can absorb (`projection`) of the response to a probe of a candidate, all over
+noise, the sum of squares decreases to first order by the largest of -2 a s'r - a^2 s's' over a >= 0.
 """
 
 from __future__ import annotations
@@ -20,14 +19,13 @@ from numpy.typing import NDArray
 from sma_sim.evidence.estimation.problem import (
     LinearizedRun,
     Problem,
-    accumulated,
     change_of,
     linearize,
     near,
-    normal_equations,
     residuals_at,
     residuals_under,
 )
+from sma_sim.evidence.estimation.projection import Projection
 from sma_sim.evidence.model_selection.candidates import Candidate, Probe, at_instants, instants_of, with_effect
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.model.arrays import Matrix, Vector
@@ -59,8 +57,7 @@ class ScoreTests:
 
     def __init__(self, problem: Problem, z: Vector, pool: Executor) -> None:
         self._problem, self._z, self._pool = problem, z, pool
-        self._known: dict[int, Vector | None] = {}  # by the id of the probe
-        self._probed: list[Candidate] = []  # whose ids no other object gets, as long as they are here
+        self._known: dict[Probe, Vector | None] = {}
         self.tested: tuple[ScreeningResult, ...] = ()  # beside the fit, also those that gain nothing
 
     @cached_property
@@ -72,7 +69,7 @@ class ScoreTests:
         """The candidates by gain, the largest first; those that the channels cannot see are left out. Raises
         SimulationError."""
         self.tested = ranked(self._problem, self.linear, candidates, self.responses)
-        return gaining(self.tested)
+        return tuple(one for one in self.tested if one.gain > 0.0)
 
     def in_place(self, rest: Problem, z: Vector, candidates: Sequence[Candidate]) -> tuple[ScreeningResult, ...]:
         """The same beside what an effect less leaves of the fit: the problem `rest`, at its z.
@@ -92,23 +89,21 @@ class ScoreTests:
             raise SimulationError('the model cannot be run without one of its effects')
         law = {one.found.effect.plain_name for one in self._problem.config.effects if one not in rest.config.effects}
 
-        def responses(some: Sequence[Candidate]) -> Mapping[int, Vector]:
+        def responses(some: Sequence[Candidate]) -> Mapping[Probe, Vector]:
             alike = [one for one in some if one.found.effect.plain_name in law]
             others = [one for one in some if one.found.effect.plain_name not in law]
             return {**self.responses(others), **probe_all(rest, z, alike, linear, self._pool)}
 
-        return gaining(ranked(rest, linear, candidates, responses))
+        return tuple(one for one in ranked(rest, linear, candidates, responses) if one.gain > 0.0)
 
-    def responses(self, candidates: Sequence[Candidate]) -> Mapping[int, Vector]:
-        """The changes (N,) of all residuals by the probes of candidates beside the fit, each made once; by the probe's id,
-        without those that cannot be run."""
-        probes = [[id(probe) for family in one.families for probe in family] for one in candidates]
-        new = [one for one, own in zip(candidates, probes, strict=True) if not self._known.keys() >= set(own)]
+    def responses(self, candidates: Sequence[Candidate]) -> Mapping[Probe, Vector]:
+        """The changes (N,) of all residuals by the probes of candidates beside the fit, each made once; without those that
+        cannot be run."""
+        new = [one for one in candidates if not self._known.keys() >= {*one.probes}]
         found = probe_all(self._problem, self._z, new, self.linear, self._pool)
-        self._known |= {id(probe): found.get(id(probe)) for one in new for family in one.families for probe in family}
-        self._probed += new
-        known = {key: self._known[key] for own in probes for key in own}
-        return {key: response for key, response in known.items() if response is not None}
+        self._known |= {probe: found.get(probe) for one in new for probe in one.probes}
+        known = ((probe, self._known[probe]) for one in candidates for probe in one.probes)
+        return {probe: response for probe, response in known if response is not None}
 
 
 def screen(problem: Problem, z: Vector, candidates: Sequence[Candidate], pool: Executor) -> tuple[ScreeningResult, ...]:
@@ -116,16 +111,11 @@ def screen(problem: Problem, z: Vector, candidates: Sequence[Candidate], pool: E
     return ScoreTests(problem, z, pool).beside(candidates)
 
 
-def gaining(tested: Sequence[ScreeningResult]) -> tuple[ScreeningResult, ...]:
-    """Those that explain anything."""
-    return tuple(one for one in tested if one.gain > 0.0)
-
-
 def ranked(
     problem: Problem,
     linear: Sequence[LinearizedRun],
     candidates: Sequence[Candidate],
-    responses: Callable[[Sequence[Candidate]], Mapping[int, Vector]],
+    responses: Callable[[Sequence[Candidate]], Mapping[Probe, Vector]],
 ) -> tuple[ScreeningResult, ...]:
     """The candidates by gain, the largest first, from the `responses` to their probes."""
     residuals = np.concatenate([run.residuals.ravel() for run in linear])
@@ -148,12 +138,12 @@ def ranked(
 
 
 def score_test(
-    candidate: Candidate, responses: Mapping[int, Vector], project: Projection, residuals: Vector
+    candidate: Candidate, responses: Mapping[Probe, Vector], project: Projection, residuals: Vector
 ) -> ScreeningResult:
     """What the best family of a candidate's probes could explain; nothing where the channels cannot see it."""
     best, lines = ScreeningResult(candidate, 0.0, {}), list[tuple[float, float, float]]()
     for family in candidate.families:
-        projected = [(probe, project.visible(responses[id(probe)])) for probe in family if id(probe) in responses]
+        projected = [(probe, project.visible(responses[probe])) for probe in family if probe in responses]
         visible = [(probe, response) for probe, response in projected if response is not None]
         lines += [(0.0, 0.0, candidate.largest(probe)) for probe, response in projected if response is None]
         if visible:
@@ -224,8 +214,8 @@ def burst(times: Vector, squares: Vector, count: Vector) -> list[float]:
 
 def probe_all(
     problem: Problem, z: Vector, candidates: Sequence[Candidate], linear: Sequence[LinearizedRun], pool: Executor
-) -> dict[int, Vector]:
-    """The change of all residuals by every probe, (N,) by the probe's id; without those that cannot be run.
+) -> dict[Probe, Vector]:
+    """The change (N,) of all residuals by every probe; without those that cannot be run.
 
     That by an effect in all wires is the sum of those by it in each wire alone, where these are probed too: to first order.
     """
@@ -234,76 +224,37 @@ def probe_all(
     probes = [
         (candidate, probe)
         for candidate in candidates
-        for family in candidate.families
-        for probe in family
-        if id(probe) not in sums and candidate.found.effect.is_seen(probe.parameter, measured)
+        for probe in candidate.probes
+        if probe not in sums and candidate.found.effect.is_seen(probe.parameter, measured)
     ]
     values = [{**probe.shape, probe.parameter: probe.neutral + probe.step} for _, probe in probes]
     configs = [with_effect(config, one.found, at) for (one, _), at in zip(probes, values, strict=True)]
     base = [run.residuals for run in linear]
     changes = [change_of(shown, base) for shown in residuals_under(nearby, z, configs, pool)]
-    found = {id(probe): change for (_, probe), change in zip(probes, changes, strict=True) if change is not None}
+    found = {probe: change for (_, probe), change in zip(probes, changes, strict=True) if change is not None}
     run = ((whole, parts) for whole, parts in sums.items() if found.keys() >= set(parts))
     return found | {whole: np.sum([found[part] for part in parts], axis=0) for whole, parts in run}
 
 
-def in_each_wire(candidates: Sequence[Candidate]) -> dict[int, list[int]]:
-    """By the id of each probe of an effect in all wires, those of the same probe in one wire after the other, where all of
-    these are among the candidates."""
-    alike = defaultdict[tuple[int, Hashable], dict[int, list[int]]](dict)
+def in_each_wire(candidates: Sequence[Candidate]) -> dict[Probe, list[Probe]]:
+    """By probe of an effect in all wires, the same ones in one wire after the other, where all of these are among the
+    candidates."""
+    alike = defaultdict[tuple[int, Hashable], dict[int, list[Probe]]](dict)
     for candidate in candidates:
         effect, scope = candidate.found.effect, candidate.found.effect.scope
         if not scope.name or (scope.wire != EVERY and not scope.field):
-            for probe in (probe for family in candidate.families for probe in family):
+            for probe in candidate.probes:
                 same = effect.plain_name, probe.parameter, probe.step, tuple(sorted(probe.shape.items()))
-                alike[effect.structure.wires, same].setdefault(scope.wire, []).append(id(probe))
-    complete = [ids for (wires, _), ids in alike.items() if EVERY in ids and len(ids) == wires + 1]
-    return {whole: [one for one, *_ in ids.values()] for ids in complete for whole in ids.pop(EVERY)}
+                alike[effect.structure.wires, same].setdefault(scope.wire, []).append(probe)
+    complete = [by_wire for (wires, _), by_wire in alike.items() if EVERY in by_wire and len(by_wire) == wires + 1]
+    return {whole: [one for one, *_ in by_wire.values()] for by_wire in complete for whole in by_wire.pop(EVERY)}
 
 
-class Projection:
-    """Takes from a response what the fitted unknowns can absorb; their priors hold them back as in the fit."""
-
-    def __init__(self, linear: Sequence[LinearizedRun], n: int, tempering: float = 1.0) -> None:
-        parts = (normal_equations(run, robust=False) for run in linear)
-        self._linear, self._prior = linear, tempering**2
-        self._inverse = np.linalg.inv(accumulated(parts, np.zeros(n), tempering)[2])
-
-    def __call__(self, response: Vector) -> Vector:
-        """The part that is left, (N,)."""
-        absorbed = self._inverse @ self._scores(response)
-        rest = [
-            part - absorbed[run.indices] @ run.jacobian.reshape(len(run.indices), -1)
-            for run, part in zip(self._linear, self._by_run(response), strict=True)
-        ]
-        return np.concatenate(rest)
-
-    def _by_run(self, responses: Vector | Matrix) -> list[NDArray[np.float64]]:
-        """The part of every run of responses (..., N)."""
-        return np.split(responses, np.cumsum([run.residuals.size for run in self._linear])[:-1], axis=-1)
-
-    def _scores(self, responses: Vector | Matrix) -> NDArray[np.float64]:
-        """Products of responses (..., N) with all derivatives, (..., n)."""
-        scores = np.zeros((*responses.shape[:-1], len(self._inverse)))
-        for run, part in zip(self._linear, self._by_run(responses), strict=True):
-            scores[..., run.indices] += part @ run.jacobian.reshape(len(run.indices), -1).T
-        return scores
-
-    def products(self, responses: Matrix, with_what: Vector) -> tuple[Vector, Vector]:
-        """What is left of responses (m, N) times a vector (N,), and its squares, (m,) each, by half the work that what is
-        left itself takes. NaN of those that are not `visible`."""
-        scores = self._scores(responses)
-        absorbed = scores @ self._inverse
-        before = np.einsum('ij,ij->i', responses, responses)
-        squares = before - np.sum(absorbed * scores, axis=1) - self._prior * np.sum(absorbed**2, axis=1)
-        seen = (before > 0.0) & (squares >= CRITERIA.min_unabsorbed * before)
-        left = responses @ with_what - absorbed @ self._scores(with_what)
-        return np.where(seen, left, np.nan), np.where(seen, squares, np.nan)
-
-    def visible(self, response: Vector) -> Vector | None:
-        """The part that is left; None where the channels do not see the response, or all of it can be absorbed."""
-        rest, size = self(response), float(response @ response)
-        return None if size == 0.0 or float(rest @ rest) < CRITERIA.min_unabsorbed * size else rest
+def at_finite_step(candidate: Candidate) -> ScreeningResult:
+    """A candidate with its strengths a probe's step from neutral."""
+    family = candidate.families[len(candidate.families) // 2]
+    first = {probe.parameter: probe.neutral + probe.step for probe in reversed(family)}  # of two sides
+    return ScreeningResult(candidate, 0.0, {**family[0].shape, **first})
 
 
 def explained(probes: Sequence[Probe], responses: Matrix, residuals: Vector) -> tuple[float, Vector]:

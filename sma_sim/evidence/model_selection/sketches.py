@@ -16,7 +16,6 @@ import numpy as np
 
 from sma_sim.evidence.estimation.executors import run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.free_parameters import declared_parameters, free_parameter
 from sma_sim.evidence.estimation.levenberg_marquardt import secant_minimum
 from sma_sim.evidence.estimation.problem import (
     LinearizedRun,
@@ -24,36 +23,18 @@ from sma_sim.evidence.estimation.problem import (
     linearize,
     near,
     own_derivatives,
-    own_values,
     places_among,
     residuals_at,
 )
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, FROM_PRIORS, SKETCH_DECREASE
-from sma_sim.evidence.model_selection.candidates import with_effect
+from sma_sim.evidence.model_selection.model_changes import with_candidate
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.solver.simulate import SimulationError
 
 SKETCH_EXCESS = 16.0
 """Times the cost of its fit at which a sketch may end: of 119, 117 ended at 1.8 at most, two at 8 and 14."""
-
-
-def with_candidate(base: FitResult, screened: ScreeningResult) -> tuple[Problem, Vector]:
-    """The problem with one more effect, and where to start: the fit without it and what the screening found."""
-    problem, effect = base.problem, screened.candidate.found.effect
-    config = with_effect(problem.config, screened.candidate.found, {})
-    declared, new, start = declared_parameters(config), [], []
-    for p, value in zip(effect.parameters, config.effects[-1].values, strict=True):
-        if p.name in screened.values:
-            name = f'effects.{effect.name}.{p.name}'
-            free = free_parameter(name, value, declared[name])
-            new.append(free)
-            start.append(float(np.clip(free.coordinate(screened.values[p.name]), free.low, free.high)))
-    at = len(problem.free)
-    larger = replace(problem, config=config, free=(*problem.free, *new))
-    z = np.concatenate([base.z[:at], start, base.z[at : len(problem.shared)], own_values(problem, base.z, larger)])
-    return larger, z
 
 
 def at_prior_means(base: FitResult) -> FitResult:
@@ -69,26 +50,25 @@ def sketched(
     context: SearchContext,
     target: float = inf,
     kept: int | None = None,
-) -> list[list[FitResult]]:
-    """By candidate, its sketches: from the fit without it, and from the middle of all priors; the best first.
+) -> list[FitResult | None]:
+    """By candidate, the better of its sketches, from the fit without it and from the middle of all priors; None without any.
 
     A model that lacks an effect bends its other parameters far from their values; the way back is not always downhill.
     Sketches that fall too slowly to reach the cost `target` are given up, second ones also if they cannot come below the
     first one of their candidate, or of the candidates that lie lowest, of which so many are `kept`. Where a first one ends
     too high for a fit to reach the target (`may_reach`) there is no second one.
     """
-    targets = [target] * len(candidates)
-    first = sketches_from(base, ADDED_EFFECT.damping, candidates, context, targets)
-    costs = [inf if fit is None else fit.cost for fit in first]
+    found = sketches_from(base, ADDED_EFFECT.damping, candidates, context, [target] * len(candidates))
+    costs = [inf if fit is None else fit.cost for fit in found]
     least = sorted(costs)[:kept][-1:] if kept is not None else []
     again = [k for k, cost in enumerate(costs) if cost == inf or may_reach(cost, target)]
     targets = [min([target, costs[k], *least]) for k in again]
     some = [candidates[k] for k in again]
     second = sketches_from(at_prior_means(base), FROM_PRIORS.damping, some, context, targets) if some else []
-    found = [[fit] if fit is not None else [] for fit in first]
     for k, fit in zip(again, second, strict=True):
-        found[k] += [] if fit is None else [fit]
-    return [sorted(fits, key=lambda fit: fit.cost) for fits in found]
+        if fit is not None and fit.cost < costs[k]:
+            found[k] = fit
+    return found
 
 
 def may_reach(sketch: float, target: float) -> bool:

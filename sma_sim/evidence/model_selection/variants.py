@@ -7,8 +7,9 @@ law are proposed where a model that has it leaves something.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
+from itertools import chain
 from types import SimpleNamespace
 from typing import Any
 
@@ -89,7 +90,8 @@ def forces_by_parameter(effect: Effect, mask: tuple[float, ...]) -> Mapping[str,
         return np.asarray(kernel(state, constants, SimpleNamespace(**values), *given), dtype=float)
 
     without = forces(neutral)
-    return {name: forces({**neutral, name: value}) != without for name, value in strengths(effect)}
+    probes = chain(*candidate_of(FoundEffect(effect, (), ())).families[:1])
+    return {one.parameter: forces({**neutral, one.parameter: one.neutral + one.step}) != without for one in probes}
 
 
 def forms_of(found: FoundEffect) -> tuple[Candidate, ...]:
@@ -106,9 +108,3 @@ def forms_of(found: FoundEffect) -> tuple[Candidate, ...]:
         own = other.effect.parameters[len(effect.parameters) :]
         made.append(candidate_at(other, shape_grid([p for p in own if p.neutral is None]), own))
     return tuple(made)
-
-
-def strengths(effect: Effect) -> Iterator[tuple[str, float]]:
-    """The parameters with a neutral value, each at a step of a probe away from it."""
-    for family in candidate_of(FoundEffect(effect, (), ())).families[:1]:
-        yield from ((probe.parameter, probe.neutral + probe.step) for probe in family)

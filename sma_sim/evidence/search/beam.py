@@ -11,8 +11,8 @@ import numpy as np
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.problem import residuals_at
 from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.model_selection.model_changes import without_effect
 from sma_sim.evidence.model_selection.nominal_fit import report_model
-from sma_sim.evidence.model_selection.refit import without_effect
 from sma_sim.evidence.model_selection.score_tests import ScoreTests, ScreeningResult
 from sma_sim.evidence.model_selection.sketches import may_reach
 from sma_sim.evidence.search import propose

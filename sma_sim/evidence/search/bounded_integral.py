@@ -12,10 +12,8 @@ from __future__ import annotations
 from math import inf
 
 import numpy as np
-from numpy.typing import NDArray
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
+from sma_sim.model.arrays import Matrix, Vector
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(48)  # to 1e-9 of densities that fall by DEPTH
 DEPTH = 40.0  # nats below the largest density beyond which nothing is left

@@ -7,26 +7,24 @@ from dataclasses import dataclass, replace
 from math import log
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.compiler.fields_read import uses_time
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.problem import Problem
+from sma_sim.evidence.estimation.problem import Problem, with_difference
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import Candidate, candidates_for
-from sma_sim.evidence.model_selection.differing_recordings import with_difference
+from sma_sim.evidence.model_selection.model_changes import with_candidate
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
-from sma_sim.evidence.model_selection.sketches import with_candidate
 from sma_sim.evidence.model_selection.variants import variants_of
 from sma_sim.evidence.search.score import SPARSITY, UNLISTED
 from sma_sim.evidence.symbolic_regression.term_fits import TermFit
+from sma_sim.model.arrays import Vector
 from sma_sim.model.effects.ports import ACTUATION, PORT_NAMES
 from sma_sim.model.effects.scope import SEPARATOR
 from sma_sim.solver.inputs import Input
 
-Vector = NDArray[np.float64]
 NEUTRAL = 1e-9  # distance from a neutral value, in standard deviations of the prior, that is rounding
 NO_ZEROS = 4  # kinds of differences beside zeros: ambient temperature, motion before it, and the power of either side
 

@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from math import isnan
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.problem import residuals_at
 from sma_sim.evidence.search.steps import SelectionStep
+from sma_sim.model.arrays import Vector
 from sma_sim.model.effects.effect import Effect
-
-Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,12 @@ import numpy as np
 
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.levenberg_marquardt import refit
 from sma_sim.evidence.estimation.problem import Problem, normal_parts, residuals_at
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import Candidate
-from sma_sim.evidence.model_selection.refit import refit, without_effect
+from sma_sim.evidence.model_selection.model_changes import with_candidate, without_effect
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
-from sma_sim.evidence.model_selection.sketches import with_candidate
 from sma_sim.evidence.search.beam import Book
 from sma_sim.evidence.search.posterior import Posterior
 from sma_sim.evidence.search.refine import Model

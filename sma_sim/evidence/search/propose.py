@@ -15,8 +15,7 @@ from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import Candidate
 from sma_sim.evidence.model_selection.differing_recordings import promises
-from sma_sim.evidence.model_selection.refit import at_finite_step
-from sma_sim.evidence.model_selection.score_tests import ScoreTests, ScreeningResult, screen
+from sma_sim.evidence.model_selection.score_tests import ScoreTests, ScreeningResult, at_finite_step, screen
 from sma_sim.evidence.model_selection.variants import forms_of
 from sma_sim.evidence.search.components import Catalogue, Component, difference_component, formula_log_prior, log_prior_of
 from sma_sim.evidence.search.refine import Model
@@ -67,9 +66,9 @@ def differing(base: FitResult, taken: Collection[str], context: SearchContext) -
     problem = base.problem
     if any(run.starts == 0 for run in problem.runs):
         return []
-    found = [(one.gain, difference_component(one.difference, problem)) for one in promises(problem, base.z, context)]
+    found = [(difference_component(one, problem), gain) for one, gain in promises(problem, base.z, context).items()]
     return promising(
-        Proposal(component, 0.5 * gain + component.log_prior) for gain, component in found if component.name not in taken
+        Proposal(component, 0.5 * gain + component.log_prior) for component, gain in found if component.name not in taken
     )
 
 

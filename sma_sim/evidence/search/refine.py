@@ -13,30 +13,30 @@ from functools import partial
 from math import exp, inf
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.executors import run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.levenberg_marquardt import refit
 from sma_sim.evidence.estimation.problem import (
     Problem,
     at_defaults,
+    own_values,
     start_point,
-    values_in_order,
     with_own_unknowns,
 )
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
 from sma_sim.evidence.estimation.residuals import FitData
-from sma_sim.evidence.estimation.run_subset import run_subset, to_subset
+from sma_sim.evidence.estimation.run_subset import on_all_runs, run_subset, to_subset
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, FROM_PRIORS, SETTLED, WEAKLY_DAMPED, StopCriteria
-from sma_sim.evidence.model_selection.refit import refit, with_other_kinetics, without_effect
+from sma_sim.evidence.model_selection.model_changes import with_other_kinetics, without_effect
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.evidence.model_selection.sketches import at_prior_means, may_reach, sketched
 from sma_sim.evidence.search.components import Component, log_prior_of
 from sma_sim.evidence.search.score import SPARSITY, UNLISTED, Evidence, evidence_of
+from sma_sim.model.arrays import Vector
 from sma_sim.solver.simulate import SimulationError
 
-Vector = NDArray[np.float64]
 SKETCHED, REFITTED, RESTARTED = 12, 5, 3  # proposals that are sketched, refitted, and fitted from further starts
 SAME_VALLEY = 2.0  # costs that differ by less belong to one optimum
 Start = tuple[Component, Problem, Vector, float]  # from a point, and the cost that a sketch has led to
@@ -180,7 +180,7 @@ def best_by_sketch(
     where a fit does not. Each with the problem and the point to start from."""
     effects = [(one, one.start) for one in components if isinstance(one.start, ScreeningResult)]
     sketches = sketched(base, [start for _, start in effects], context, min(reached, target), REFITTED)
-    pairs = [(one, fits[0]) for (one, _), fits in zip(effects, sketches, strict=True) if fits and fits[0].cost < reached]
+    pairs = [(one, fit) for (one, _), fit in zip(effects, sketches, strict=True) if fit is not None and fit.cost < reached]
     ranked = sorted(pairs, key=lambda pair: pair[1].cost - pair[0].log_prior)
     first = [pair for pair in pairs[:1] if all(pair is not one for one in ranked[:REFITTED])]
     chosen: list[Start] = [(one, fit.problem, fit.z, fit.cost) for one, fit in (*ranked[:REFITTED], *first)]
@@ -276,15 +276,9 @@ def with_all_runs(model: Model, nominal: Sequence[FitResult], k: float, context:
 def joined(fit: FitResult, nominal: FitResult) -> tuple[Problem, Vector]:
     """The problem of a fit on all runs of a nominal one, and its start: what is of other runs is as it is there."""
     runs = tuple(with_differences_in(run, fit.problem.differences) for run in nominal.problem.runs)
-    problem, shared = replace(fit.problem, runs=runs), len(fit.problem.shared)
-    known = {run.name: fit.z[at][shared:] for run, at in zip(fit.problem.runs, fit.problem.indices(), strict=True)}
-    others = len(nominal.problem.shared)
-    parts = [fit.z[:shared]]
-    for run, before, at in zip(runs, nominal.problem.runs, nominal.problem.indices(), strict=True):
-        own = known.get(run.name)
-        without = values_in_order(nominal.problem.own(before), nominal.z[at][others:], problem.own(run))
-        parts.append(without if own is None else own)
-    return problem, np.concatenate(parts)
+    problem = replace(fit.problem, runs=runs)
+    z = np.concatenate([fit.z[: len(problem.shared)], own_values(nominal.problem, nominal.z, problem)])
+    return problem, on_all_runs(fit, problem, z)
 
 
 def with_differences_in(run: FitData, differences: Sequence[RecordingDifference]) -> FitData:

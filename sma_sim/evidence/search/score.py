@@ -18,7 +18,6 @@ from dataclasses import dataclass, field
 from math import inf, log, log1p, pi
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import dct
 from scipy.linalg import LinAlgError
 
@@ -30,9 +29,7 @@ from sma_sim.evidence.estimation.plausibility import realistic_range
 from sma_sim.evidence.estimation.problem import LinearizedRun, NormalEquations, Problem, linearize, normal_equations
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.search.bounded_integral import log_bounded_integral
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
+from sma_sim.model.arrays import Mask, Matrix, Vector
 
 SPARSITY = 3.0
 """Minus the log prior probability of any one component, beside that of which one it is: a model as it is used in practice
@@ -128,10 +125,10 @@ class Evidence:
             step[inner] = -np.linalg.solve(precision, pull[inner])
         return max(0.0, squares + 2.0 * float(gradient @ step) + float(step @ hessian @ step))
 
-    def _free(self, slope: Vector) -> NDArray[np.bool_]:
+    def _free(self, slope: Vector) -> Mask:
         """Which unknowns are free to move against a slope: not those that a bound holds back."""
         held = ((self.z <= self.low) & (slope > 0.0)) | ((self.z >= self.high) & (slope < 0.0))
-        free: NDArray[np.bool_] = ~(held | (self.low == self.high))
+        free: Mask = ~(held | (self.low == self.high))
         return free
 
     def _sums(self, runs: Sequence[int]) -> tuple[float, Vector, Matrix]:

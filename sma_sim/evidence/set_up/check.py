@@ -24,7 +24,7 @@ from sma_sim.evidence.data.recordings import NEGLIGIBLE_FRACTION, value_range
 from sma_sim.evidence.estimation.calibrate import SEARCH_SAMPLES, FitOptions, full_problem, problem_for
 from sma_sim.evidence.estimation.executors import run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.levenberg_marquardt import bounded_step
+from sma_sim.evidence.estimation.levenberg_marquardt import bounded_step, refit
 from sma_sim.evidence.estimation.overdispersion import overdispersion_of
 from sma_sim.evidence.estimation.problem import (
     LinearizedRun,
@@ -37,11 +37,10 @@ from sma_sim.evidence.estimation.problem import (
 )
 from sma_sim.evidence.estimation.recording_differences import with_differences
 from sma_sim.evidence.estimation.residuals import FitData, simulated
-from sma_sim.evidence.estimation.run_subset import chosen_runs
+from sma_sim.evidence.estimation.run_subset import chosen_runs, on_all_runs
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import NOMINAL_MODEL, WEAKLY_DAMPED
 from sma_sim.evidence.model_selection.criteria import CRITERIA
-from sma_sim.evidence.model_selection.refit import refit
 from sma_sim.evidence.model_selection.score_tests import ScoreTests
 from sma_sim.evidence.search import propose
 from sma_sim.evidence.search.components import catalogue_for
@@ -149,12 +148,7 @@ def faults_after_fit(dataset: Dataset, fit: FitResult, options: FitOptions, cont
     """What shows beside a fitted model only: outliers that motion hid, and a noise that is stated too large."""
     dataset = with_differences(dataset, fit.problem.differences)
     whole = full_problem(dataset, fit, options)
-    z, shared = start_point(whole), len(whole.shared)
-    z[:shared] = fit.z[:shared]
-    own = {run.name: fit.z[at][shared:] for run, at in zip(fit.problem.runs, fit.problem.indices(), strict=True)}
-    for run, at in zip(whole.runs, whole.indices(), strict=True):
-        z[at[shared:]] = own.get(run.name, z[at[shared:]])
-    return wrong_samples(whole, z, dataset, True, context)
+    return wrong_samples(whole, on_all_runs(fit, whole, start_point(whole)), dataset, True, context)
 
 
 def wrong_samples(

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 import textwrap
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -74,17 +75,11 @@ class Formula:
     @property
     def shape_names(self) -> list[dict[str, str]]:
         """Per term its shapes' names in the file, numbered where two terms share one."""
-        taken: set[str] = set()
-        by_term = []
+        count, by_term = Counter[str](), []
         for term in self.terms:
-            names = {}
-            for shape in term.shapes:
-                name, k = shape.name, 2
-                while name in taken:
-                    name, k = f'{shape.name}_{k}', k + 1
-                taken.add(name)
-                names[shape.name] = name
-            by_term.append(names)
+            names = [shape.name for shape in term.shapes]
+            count.update(names)
+            by_term.append({name: f'{name}_{count[name]}' if count[name] > 1 else name for name in names})
         return by_term
 
     def unit(self, text: str) -> str:

@@ -51,8 +51,7 @@ def terms_at(port: Port, structure: Structure, config: Config) -> tuple[Term, ..
         coordinate = structure.coordinates[structure.coordinate_names.index(port.variable)]
         size = coordinate.size(structure.constants_of(config.parameters))
         guided = structure.coordinates[port.component].joint
-        variable = term_library.CoordinateVariable(name, rate, coordinate.unit, size, guided)
-        return term_library.coordinate_terms(variable, structure.wires)
+        return term_library.coordinate_terms(name, rate, coordinate.unit, size, guided, structure.wires)
     if port.hook == 'sensing':
         return term_library.sensor_terms(rate)
     library = {

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sma_sim.compiler.effect_kernels import coordinate_fields
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.symbolic_regression.formula import Formula
-from sma_sim.evidence.symbolic_regression.locations import EVERY_WIRE, Location
+from sma_sim.evidence.symbolic_regression.locations import Location
 from sma_sim.evidence.symbolic_regression.term_fits import LinearizedFit, TermTrial
 from sma_sim.evidence.symbolic_regression.term_library import HAT_FUNCTION
 from sma_sim.evidence.symbolic_regression.visited_states import VisitedStates, term_values
@@ -64,32 +64,26 @@ def partial_residual_plot(fitted: FitResult, formula: Formula, pool: Executor) -
     """What the missing quantity did in the training runs, over the variable on which the formula depends."""
     linearized = LinearizedFit(fitted.problem, fitted.z, pool)
     variable, runs = chosen_variable(formula), fitted.problem.runs
-    singles = [one for one in linearized.locations if one.name in formula.location.ports]
-    locations = singles if formula.location.component == EVERY_WIRE else [formula.location]
-    visited = [linearized.runs.visited(location) for location in locations]
-    values = [formula_values(formula, states) for of_location in visited for states in of_location]
+    locations = [one for one in linearized.locations if one.name in formula.location.ports]
+    visited = [states for location in locations for states in linearized.runs.visited(location)]
+    values = [formula_values(formula, states) for states in visited]
     size = max(float(np.sqrt(np.mean(np.concatenate(values) ** 2))), 1e-300)
     nodes = [np.linspace(float(run.time[0]), float(run.time[-1]), NODES_PER_RUN) for run in runs]
     columns = hat_responses(linearized, locations, nodes, size)
     covariance = np.linalg.inv(columns @ columns.T + np.eye(len(columns)))  # their prior has a width of one
     coefficients = covariance @ (-columns @ linearized.projected_residuals)
-    errors = np.sqrt(np.diag(covariance))
-    by_run: list[PartialResiduals] = []
-    for k, of_location in enumerate(visited):
-        for j, (run, states) in enumerate(zip(runs, of_location, strict=True)):
-            first = (k * len(runs) + j) * NODES_PER_RUN
-            part, t = slice(first, first + NODES_PER_RUN), states.fields['t']
-            at_nodes = np.interp(nodes[j], t, formula_values(formula, states))
-            x = np.interp(nodes[j], t, states.fields[variable])
-            label = run.name if len(locations) == 1 else f'{run.name}, wire {states.wire + 1}'
-            quantity = at_nodes + size * coefficients[part]
-            by_run.append(PartialResiduals(label, x, quantity, size * errors[part], at_nodes))
-    location = formula.location
-    label, unit = axis_of(variable, formula)
-    x = np.concatenate([states.fields[variable] for of_location in visited for states in of_location])
+    more, errors = (size * one.reshape(len(visited), -1) for one in (coefficients, np.sqrt(np.diag(covariance))))
+    by_run = list[PartialResiduals]()
+    for k, (states, along) in enumerate(zip(visited, values, strict=True)):
+        run, instants = runs[k % len(runs)], nodes[k % len(runs)]
+        x, at_nodes = (np.interp(instants, states.fields['t'], one) for one in (states.fields[variable], along))
+        label = run.name if len(locations) == 1 else f'{run.name}, wire {states.wire + 1}'
+        by_run.append(PartialResiduals(label, x, at_nodes + more[k], errors[k], at_nodes))
+    location, axis = formula.location, axis_of(variable, formula)
+    x = np.concatenate([states.fields[variable] for states in visited])
     order, y = np.argsort(x), np.concatenate(values)
     curve = (x[order], y[order]) if formula.variables == (variable,) else None
-    return PartialResidualPlot(label, unit, location.description, location.unit, tuple(by_run), curve)
+    return PartialResidualPlot(*axis, location.description, location.unit, tuple(by_run), curve)
 
 
 def axis_of(variable: str, formula: Formula) -> tuple[str, str]:

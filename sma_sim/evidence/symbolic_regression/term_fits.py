@@ -28,9 +28,9 @@ from sma_sim.evidence.estimation.problem import (
     near,
     residuals_under,
 )
+from sma_sim.evidence.estimation.projection import Projection
 from sma_sim.evidence.estimation.search_context import SearchContext, Stop
 from sma_sim.evidence.model_selection.candidates import with_effect
-from sma_sim.evidence.model_selection.score_tests import Projection
 from sma_sim.evidence.symbolic_regression.locations import EVERY_WIRE, Location, locations_for
 from sma_sim.evidence.symbolic_regression.response_basis import by_combination, by_product, follows_slow_states
 from sma_sim.evidence.symbolic_regression.terms import ShapeParameter, Term
@@ -43,7 +43,6 @@ RESPONSE_RTOL = 1e-4  # solver.rtol of the responses: both sides of each differe
 TRIED = 0.1  # of a small but visible quantity: over all of it responses bend, where parameters absorb most of what is linear
 AT_ONCE = 64  # responses that are projected
 EXACT_TERMS = 100  # of the best whose own responses are simulated: combinations, and responses that are not linear, misorder
-Limits = tuple[float, float]
 # Cost grows with their product.
 THRESHOLDS_PER_RANGE, INSTANTS_PER_RUN, TIME_CONSTANTS_PER_RUN, MAX_FREQUENCIES = 9, 19, 7, 6
 WIDTH_FRACTIONS = (0.06, 0.15, 0.35)  # of the visited range
@@ -174,30 +173,23 @@ def responses_at(linearized: LinearizedFit, location: Location, trials: Sequence
     def simulated(chosen: Sequence[int]) -> list[Vector | None]:
         return linearized.responses(location, [trials[k] for k in chosen])
 
-    along = columns_of(trials, linearized.ranges(location).visited)
+    columns = [along(trial, linearized.ranges(location).visited) for trial in trials]
     if location.hook != 'sensing':
-        return by_combination(simulated, along)
-    channels = [len(run.residuals) for run in linearized.linear]
-    return by_product(simulated, along, columns_of(trials, linearized.runs.visited(location, every_sample=True), channels))
+        return by_combination(simulated, columns)
+    visited, channels = (
+        linearized.runs.visited(location, every_sample=True),
+        [len(run.residuals) for run in linearized.linear],
+    )
+    return by_product(simulated, columns, [along(trial, visited, channels) for trial in trials])
 
 
-def columns_of(
-    trials: Sequence[TermTrial], visited: Sequence[VisitedStates], times: Sequence[int] = ()
-) -> list[Vector | None]:
-    """Each trial along all runs, that of each run so many `times` (once without); None where that does not tell what it is
-    in between."""
-    times = times or [1] * len(visited)
-    return [
-        np.concatenate(
-            [
-                np.tile(trial.coefficient * term_values(trial.term, trial.shapes, states), count)
-                for states, count in zip(visited, times, strict=True)
-            ]
-        )
-        if follows_slow_states(trial.term)
-        else None
-        for trial in trials
-    ]
+def along(trial: TermTrial, visited: Sequence[VisitedStates], times: Sequence[int] = ()) -> Vector | None:
+    """A trial along all runs, that of each run so many `times` (once without); None where that does not tell what it is in
+    between."""
+    if not follows_slow_states(trial.term):
+        return None
+    values = [trial.coefficient * term_values(trial.term, trial.shapes, states) for states in visited]
+    return np.concatenate(list(map(np.tile, values, times or [1] * len(values))))
 
 
 def term_fits(
@@ -250,17 +242,11 @@ def ordered(fits: Iterable[TermFit]) -> list[TermFit]:
 
 def with_own_responses(linearized: LinearizedFit, fits: Sequence[TermFit]) -> list[TermFit]:
     """The same terms, each by its own response, simulated rather than combined of others'; what sensors show is exact."""
-    singles = {location.name: location for location in linearized.locations}
-    asked = {
-        name: list(dict.fromkeys(fit.trial for fit in fits if name in fit.location.ports and fit.location.hook != 'sensing'))
-        for name in singles
-    }
-    own = {
-        (name, trial): response
-        for name, trials in asked.items()
-        for trial, response in zip(trials, linearized.responses(singles[name], trials), strict=True)
-    }
-    found = []
+    own, found = dict[tuple[str, TermTrial], Vector | None](), []
+    for location in (one for one in linearized.locations if one.hook != 'sensing'):
+        trials = list(dict.fromkeys(fit.trial for fit in fits if location.name in fit.location.ports))
+        responses = linearized.responses(location, trials)
+        own |= {(location.name, trial): response for trial, response in zip(trials, responses, strict=True)}
     for fit in fits:
         whole = sum_of([own.get((name, fit.trial)) for name in fit.location.ports])
         exact = term_fits(linearized, fit.location, [fit.trial], [whole])
@@ -287,7 +273,7 @@ class VisitedRanges:
         return self.known[variable]
 
 
-def grid_of(shape: ShapeParameter, ranges: VisitedRanges) -> tuple[tuple[float, ...], Limits]:
+def grid_of(shape: ShapeParameter, ranges: VisitedRanges) -> tuple[tuple[float, ...], tuple[float, float]]:
     """The first values of a shape parameter, none of a variable that stays where it is, and its realistic range in the file:
     the values that data of these ranges can tell, with some margin."""
     length = ranges.length

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 
 from sma_sim.evidence.symbolic_regression.terms import ShapeParameter, Term, times
@@ -152,17 +151,6 @@ def friction(name: str, rate: str, unit: str, variable: str, scale: float) -> li
     ]
 
 
-@dataclass(frozen=True)
-class CoordinateVariable:
-    """A coordinate in terms: what kernels call it and its rate, its unit, its usual change; whether a joint guides it."""
-
-    name: str
-    rate: str
-    unit: str
-    size: float
-    guided: bool
-
-
 def mean_temperature(wires: int) -> str:
     """Mean temperature of all wires above ambient, as the effects of a structure see it."""
     if wires == 1:
@@ -171,23 +159,24 @@ def mean_temperature(wires: int) -> str:
 
 
 @cache
-def coordinate_terms(on: CoordinateVariable, wires: int) -> tuple[Term, ...]:
-    """A force along a coordinate or a moment about it; those in a joint have more shapes."""
-    turns = on.unit == 'rad'
-    scale = float(f'{FINE_PARTS.get(on.unit, FINE_PART) * on.size:.2g}')
-    shapes = of_variable(on.name, f's.{on.name}', on.unit, on.name)
-    value = Term(on.name, f's.{on.name}', on.unit, (on.name,))
+def coordinate_terms(name: str, rate: str, unit: str, size: float, guided: bool, wires: int) -> tuple[Term, ...]:
+    """A force along a coordinate or a moment about it; those in a joint, which is `guided`, have more shapes.
+
+    `name`, `rate`: what kernels call the coordinate and its rate; `size`: its usual change, in its `unit`.
+    """
+    scale = float(f'{FINE_PARTS.get(unit, FINE_PART) * size:.2g}')
+    shapes = of_variable(name, f's.{name}', unit, name)
     gradient = [Term('gradient', '(s.T_other - s.T) * (2.0 * s.wire - 1.0)', 'K', ('T',))] if wires == 2 else []
-    width = ShapeParameter('width', on.unit, 'width', on.name, description='width')
+    width = ShapeParameter('width', unit, 'width', name, description='width')
     return (
         CONSTANT,
-        *(shapes if on.guided else shapes[:6]),
-        Term(f'{on.name}_saturating', f'math.tanh(s.{on.name} / {{width}})', '-', (on.name,), (width,)),
-        *friction('hinge' if turns else 'slide', f's.{on.rate}', on.unit, on.name, scale),
+        *(shapes if guided else shapes[:6]),
+        Term(f'{name}_saturating', f'math.tanh(s.{name} / {{width}})', '-', (name,), (width,)),
+        *friction('hinge' if unit == 'rad' else 'slide', f's.{rate}', unit, name, scale),
         Term('mean_temperature', mean_temperature(wires), 'K', ('T',)),
-        *(gradient if on.guided else ()),
+        *(gradient if guided else ()),
         *of_time(),
-        *(times(value, term) for term in of_time() if on.guided),
+        *(times(shapes[0], term) for term in of_time() if guided),
     )
 
 

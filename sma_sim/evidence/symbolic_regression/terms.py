@@ -50,6 +50,10 @@ class Term:
         expression: str = getattr(self, attribute)
         return expression.format(**names)
 
+    def numbered(self, attribute: str) -> str:
+        """The same with the shape parameters numbered, as a kernel has them that can be any term."""
+        return self.text(attribute, **{shape.name: f'p.q_{k}' for k, shape in enumerate(self.shapes)})
+
 
 def times(term: Term, other: Term) -> Term:
     """The product of a term and one without a state."""
@@ -74,7 +78,7 @@ def factor(text: str) -> str:
 
 
 def product_unit(*units: str) -> str:
-    """Units next to each other; '-' is nterm."""
+    """Units next to each other; '-' is none."""
     return ' '.join(unit for unit in units if unit != '-') or '-'
 
 

@@ -77,15 +77,15 @@ def universal_file(name: str, hook: str, terms: Sequence[Term], has_state: bool,
     read = 's, p, m' if has_state else 's, p'
     arguments = 's, w, p, m' if has_state else 's, w, p'
     parts = [FILE_HEADER, STIFFNESS_IMPORT if hook == 'structure_force' else '']
-    parts.append(choice_function('value_of', read, [numbered_text(t, 'value') for t in terms]))
+    parts.append(choice_function('value_of', read, [t.numbered('value') for t in terms]))
     lines = [f'name={name!r},', f'port={hook!r},', "equation='any term',", "source='',", 'parameters=(']
     names = ('term', 'component', *(f'q_{k}' for k in range(MAX_SHAPES)))
     lines += [f"    Parameter({parameter!r}, 0.5, '-', (-1e15, 1e15), '')," for parameter in names]
     lines += ["    Parameter('c', 0.0, '-', (-1e15, 1e15), '', '', 0.0),", '),']
     lines.append(f'kernel=lambda {arguments}: {return_expression(hook, f"p.c * value_of({read})", on)},')
     if has_state:
-        parts.append(choice_function('rate_of', read, [numbered_text(t, 'rate') for t in terms]))
-        parts.append(choice_function('start_of', 's, p', [numbered_text(t, 'start') for t in terms]))
+        parts.append(choice_function('rate_of', read, [t.numbered('rate') for t in terms]))
+        parts.append(choice_function('start_of', 's, p', [t.numbered('start') for t in terms]))
         lines += [
             "states=('z',),",
             'scale=(0.1,),',
@@ -95,11 +95,6 @@ def universal_file(name: str, hook: str, terms: Sequence[Term], has_state: bool,
     lines += port_lines(hook, on.structure)
     body = '\n'.join(f'    {line}' for line in lines)
     return ''.join(parts) + f'\n\nEFFECT = Effect(\n{body}\n)\n'
-
-
-def numbered_text(term: Term, attribute: str) -> str:
-    """An expression with numbered shapes."""
-    return term.text(attribute, **{shape.name: f'p.q_{k}' for k, shape in enumerate(term.shapes)})
 
 
 def choice_function(name: str, arguments: str, expressions: Sequence[str]) -> str:

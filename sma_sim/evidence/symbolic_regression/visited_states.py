@@ -44,9 +44,8 @@ class VisitedStates:
     @cached_property
     def samples(self) -> list[Any]:
         """The states, one per instant."""
-        names = list(self.fields)
-        rows = np.column_stack([self.fields[name] for name in names]).tolist()
-        return [SimpleNamespace(**dict(zip(names, row, strict=True))) for row in rows]
+        rows = np.column_stack(list(self.fields.values())).tolist()
+        return [SimpleNamespace(**dict(zip(self.fields, row, strict=True))) for row in rows]
 
 
 class ModelRuns:
@@ -56,32 +55,28 @@ class ModelRuns:
         self._config = config = problem.fitted(z)
         pairs = zip(problem.runs, problem.indices(), strict=True)
         self._runs = [(run.time, model_columns(config, run, problem.nuisance(run, z[indices]))) for run, indices in pairs]
-        self._fields: dict[tuple[int, int], dict[str, Vector]] = {}
-        self._states: dict[tuple[int, int, str, bool], VisitedStates] = {}
+        self._states: dict[tuple[int, int, bool, Location | None], VisitedStates] = {}
 
     def visited(self, location: Location, every_sample: bool = False) -> list[VisitedStates]:
         """The runs as the kernels at a location see them, every wire where it acts in each; at some of their samples, or at
         every one."""
-        sensor = location.name if location.hook == 'sensing' else ''
         wires = wires_of_kernels(location, self._config.structure.structure.wires)
-        found = []
-        for wire, run in product(wires, range(len(self._runs))):
-            key = (wire, run, sensor, every_sample)
-            if key not in self._states:
-                self._states[key] = self._as_seen(wire, run, location, every_sample)
-            found.append(self._states[key])
-        return found
+        sensor = location if location.hook == 'sensing' else None
+        return [self._seen(wire, run, every_sample, sensor) for wire, run in product(wires, range(len(self._runs)))]
 
-    def _as_seen(self, wire: int, run: int, location: Location, every_sample: bool) -> VisitedStates:
-        """One run as kernels at a location see it in one wire."""
-        time, columns = self._runs[run]
-        if (wire, run) not in self._fields:
-            self._fields[wire, run] = kernel_fields(time, columns, self._config, wire)
-        fields = self._fields[wire, run]
-        if location.hook == 'sensing':
-            fields = fields | sensor_fields(location, fields, self._config)
-        every = 1 if every_sample else max(1, len(time) // MAX_STATES_PER_RUN)
-        return VisitedStates(wire, {name: values[::every] for name, values in fields.items()})
+    def _seen(self, wire: int, run: int, every_sample: bool, sensor: Location | None) -> VisitedStates:
+        """One run as kernels see it in one wire, or as those of a sensor do."""
+        key = (wire, run, every_sample, sensor)
+        if key not in self._states:
+            if sensor is not None:
+                fields = self._seen(wire, run, every_sample, None).fields
+                self._states[key] = VisitedStates(wire, {**fields, **sensor_fields(sensor, fields, self._config)})
+            else:
+                time, columns = self._runs[run]
+                every = 1 if every_sample else max(1, len(time) // MAX_STATES_PER_RUN)
+                fields = kernel_fields(time, columns, self._config, wire)
+                self._states[key] = VisitedStates(wire, {name: values[::every] for name, values in fields.items()})
+        return self._states[key]
 
 
 def wires_of_kernels(location: Location, wires: int) -> Sequence[int]:
@@ -146,18 +141,16 @@ def term_values(term: Term, shapes: Sequence[float], states: VisitedStates) -> V
 
 def evaluated(term: Term, shapes: Sequence[float], states: VisitedStates) -> Vector:
     """A term along a run, (k,); its state is integrated by Euler's rule at the samples. Infinite from where it overflows."""
-    values = {f'q_{k}': float(shape) for k, shape in enumerate(shapes)}
-    names = {shape.name: f'p.q_{k}' for k, shape in enumerate(term.shapes)}
-    parameters = SimpleNamespace(**values)
-    value = compiled_expression(term.text('value', **names))
+    parameters = SimpleNamespace(**{f'q_{k}': float(shape) for k, shape in enumerate(shapes)})
+    value = compiled_expression(term.numbered('value'))
     time = states.fields['t']
     if not term.rate:
         at_once = eval(value, {**ARRAY_FUNCTIONS, 'p': parameters, 's': SimpleNamespace(**states.fields)})
         return np.broadcast_to(np.asarray(at_once, dtype=float), time.shape)
     scope: dict[str, Any] = {'math': math, 'p': parameters}
     samples = states.samples
-    rate, memory = compiled_expression(term.text('rate', **names)), SimpleNamespace(z=0.0)
-    memory.z = float(eval(compiled_expression(term.text('start', **names)), {**scope, 's': samples[0]}))
+    rate, memory = compiled_expression(term.numbered('rate')), SimpleNamespace(z=0.0)
+    memory.z = float(eval(compiled_expression(term.numbered('start')), {**scope, 's': samples[0]}))
     along = np.full(len(samples), np.inf)
     with suppress(OverflowError):  # of a rate that grows with T, where wires are far too hot
         for k, s in enumerate(samples):

@@ -1,50 +1,31 @@
-"""Fitted problems changed and fitted again: with a candidate effect, without an effect, with the other kinetics."""
+"""Fitted problems changed, and where to start: with a candidate effect, without an effect, with the other kinetics."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import declared_parameters, default_names, free_parameter
-from sma_sim.evidence.estimation.levenberg_marquardt import minimize, with_early_stopping
-from sma_sim.evidence.estimation.problem import Problem, own_values
-from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, StopCriteria
-from sma_sim.evidence.model_selection.candidates import Candidate
+from sma_sim.evidence.estimation.problem import Problem, own_values, with_values
+from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.model.arrays import Vector
-from sma_sim.solver.simulate import SimulationError
 
 
-def cannot_reach(target: float, max_iterations: int, costs: Sequence[float]) -> bool:
-    """Whether a cost that falls as slowly as in the last of at most `max_iterations` cannot come down to `target`."""
-    before, last = costs[-2:]
-    return (before - last) * (max_iterations - len(costs) + 1) < last - target
-
-
-def refit(
-    problem: Problem, z: Vector, context: SearchContext, criteria: StopCriteria = ADDED_EFFECT, target: float = math.inf
-) -> FitResult | None:
-    """The optimum near z, or where the cost fell too slowly to reach `target`; None where the model cannot be run there."""
-    lost = partial(cannot_reach, target, criteria.max_iterations)
-    try:
-        return minimize(problem, z, criteria, with_early_stopping(context, lost))
-    except SimulationError:
-        return None
-
-
-def at_finite_step(candidate: Candidate) -> ScreeningResult:
-    """A candidate with its strengths a probe's step from neutral."""
-    family = candidate.families[len(candidate.families) // 2]
-    values = dict(family[0].shape)
-    for probe in family:
-        values.setdefault(probe.parameter, probe.neutral + probe.step)
-    return ScreeningResult(candidate, 0.0, values)
+def with_candidate(base: FitResult, screened: ScreeningResult) -> tuple[Problem, Vector]:
+    """The problem with one more effect, and where to start: the fit without it and what the screening found."""
+    problem, effect = base.problem, screened.candidate.found.effect
+    config = with_effect(problem.config, screened.candidate.found, {})
+    declared, neutral, at = declared_parameters(config), config.values, len(problem.free)
+    start = {
+        f'effects.{effect.name}.{p.name}': screened.values[p.name] for p in effect.parameters if p.name in screened.values
+    }
+    new = [free_parameter(name, neutral[name], declared[name]) for name in start]
+    larger = replace(problem, config=config, free=(*problem.free, *new))
+    shared = np.insert(base.z[: len(problem.shared)], at, np.zeros(len(new)))
+    return larger, with_values(larger, np.concatenate([shared, own_values(problem, base.z, larger)]), start)
 
 
 def without_effect(fit: FitResult, effect: str) -> tuple[Problem, Vector]:

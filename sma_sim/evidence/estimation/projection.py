@@ -1,0 +1,63 @@
+"""What is left of a response once the unknowns of a fit have absorbed of it what they can.
+
+With J the derivatives of all residuals (over noise) in the unknowns, whose priors are N(0, 1), of a response s there is left
+
+    s' = s - J^T (J J^T + 1)^-1 J s
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sma_sim.evidence.estimation.problem import LinearizedRun, accumulated, normal_equations
+from sma_sim.model.arrays import Matrix, Vector
+
+MIN_UNABSORBED = 1e-6  # of a response: where less is left it is rounding error, and the data cannot see it
+
+
+class Projection:
+    """Takes from a response what the fitted unknowns can absorb; their priors hold them back as in the fit."""
+
+    def __init__(self, linear: Sequence[LinearizedRun], n: int, tempering: float = 1.0) -> None:
+        parts = (normal_equations(run, robust=False) for run in linear)
+        self._linear, self._prior = linear, tempering**2
+        self._inverse = np.linalg.inv(accumulated(parts, np.zeros(n), tempering)[2])
+
+    def __call__(self, response: Vector) -> Vector:
+        """The part that is left, (N,)."""
+        absorbed = self._inverse @ self._scores(response)
+        rest = [
+            part - absorbed[run.indices] @ run.jacobian.reshape(len(run.indices), -1)
+            for run, part in zip(self._linear, self._by_run(response), strict=True)
+        ]
+        return np.concatenate(rest)
+
+    def _by_run(self, responses: Vector | Matrix) -> list[NDArray[np.float64]]:
+        """The part of every run of responses (..., N)."""
+        return np.split(responses, np.cumsum([run.residuals.size for run in self._linear])[:-1], axis=-1)
+
+    def _scores(self, responses: Vector | Matrix) -> NDArray[np.float64]:
+        """Products of responses (..., N) with all derivatives, (..., n)."""
+        scores = np.zeros((*responses.shape[:-1], len(self._inverse)))
+        for run, part in zip(self._linear, self._by_run(responses), strict=True):
+            scores[..., run.indices] += part @ run.jacobian.reshape(len(run.indices), -1).T
+        return scores
+
+    def products(self, responses: Matrix, with_what: Vector) -> tuple[Vector, Vector]:
+        """What is left of responses (m, N) times a vector (N,), and its squares, (m,) each, by half the work that what is
+        left itself takes. NaN of those that are not `visible`."""
+        scores = self._scores(responses)
+        absorbed = scores @ self._inverse
+        before = np.einsum('ij,ij->i', responses, responses)
+        squares = before - np.sum(absorbed * scores, axis=1) - self._prior * np.sum(absorbed**2, axis=1)
+        seen = (before > 0.0) & (squares >= MIN_UNABSORBED * before)
+        left = responses @ with_what - absorbed @ self._scores(with_what)
+        return np.where(seen, left, np.nan), np.where(seen, squares, np.nan)
+
+    def visible(self, response: Vector) -> Vector | None:
+        """The part that is left; None where the channels do not see the response, or all of it can be absorbed."""
+        rest, size = self(response), float(response @ response)
+        return None if size == 0.0 or float(rest @ rest) < MIN_UNABSORBED * size else rest
