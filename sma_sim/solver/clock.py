@@ -18,8 +18,7 @@ def seen_at(model: Model, times: Vector, begin: float) -> Vector:
     for active in model.config.effects:
         effect = active.found.effect
         if effect.clock is not None:
-            values = {p.name: value for p, value in zip(effect.parameters, active.values, strict=True)}
-            times = begin + np.asarray(effect.clock(times - begin, SimpleNamespace(**values)), float)
+            times = begin + np.asarray(effect.clock(times - begin, SimpleNamespace(**active.by_short_name)), float)
     return times
 
 

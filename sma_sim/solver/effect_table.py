@@ -142,8 +142,7 @@ def as_on(active: ActiveEffect, structure: Structure) -> ActiveEffect:
     Where the effect is as declared for the module, channels of the structure take the value of the like one of the module
     (`parameters_of_channels`), and what it has there for each bundle or in space is neutral.
     """
-    declared = active.found.effect
-    values = {p.name: value for p, value in zip(declared.parameters, active.values, strict=True)}
+    declared, values = active.found.effect, active.by_short_name
     if declared.by_channel:
         if declared.structure is structure or declared.scope.name or not structure.coordinates:
             return active

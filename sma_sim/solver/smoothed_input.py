@@ -245,10 +245,9 @@ def is_linear(active: ActiveEffect, structure: Structure, wire: WireConstants, l
     """Whether an effect on actuation, and the rates of its states, are linear in the command; not where they fail."""
     effect = active.found.effect
     kind = kernel_types(effect, structure if own_kernels(effect, structure) else None).state
-    values = dict(zip((p.name for p in effect.parameters), active.values, strict=True))
     further = {p.name: p.neutral for p in (*(each.parameter for each in effect.each_bundle), *effect.in_space)}
     fields = parameter_fields(effect)
-    parameters = record('Parameters', fields)(*((further | values)[name] for name in fields))
+    parameters = record('Parameters', fields)(*((further | active.by_short_name)[name] for name in fields))
     memory = record('Memory', effect.states)
     for part in PROBED_STATES:
         state = kind(*[part] * len(kind._fields))._replace(T=T_E + TEMPERATURE_SCALE * part, T_E=T_E)

@@ -161,8 +161,8 @@ def variants(diagnosis: Diagnosis) -> dict[str, str]:
     words = {}
     for active in diagnosis.calibration.config.effects:
         effect = active.found.effect
-        values = dict(zip([p.name for p in effect.parameters], active.values, strict=True))
-        words[effect.plain_name] = ', '.join(filter(None, (effect.scope.words, other_form(active.found, values))))
+        form = other_form(active.found, active.by_short_name)
+        words[effect.plain_name] = ', '.join(filter(None, (effect.scope.words, form)))
     return {name: form for name, form in words.items() if form}
 
 

@@ -97,10 +97,7 @@ def nuisance_data(found: Calibration, findings: Collection[str]) -> dict[str, An
     """All of it for programs (SI)."""
     return {
         'delay': found.delay,
-        'effects': {
-            active.found.effect.name: dict(zip((p.name for p in active.found.effect.parameters), active.values, strict=True))
-            for active in given_effects(found, findings)
-        },
+        'effects': {active.found.effect.name: active.by_short_name for active in given_effects(found, findings)},
         'zeros': {fit.name: dict(fit.zeros) for fit in found.runs if fit.zeros},
         'drifts': {fit.name: dict(fit.drifts) for fit in found.runs if fit.drifts},
     }

@@ -276,7 +276,7 @@ def fitted_alone(base: LinearModel, result: ScreeningResult, executor: Executor)
     """A model with one effect more where that explains most, from what the score test says of it, or nearer to nothing."""
     found = result.candidate.found
     config = with_effect(base.problem.config, found, {})
-    values = dict(zip([p.name for p in found.effect.parameters], config.effects[-1].values, strict=True))
+    values = config.effects[-1].by_short_name
     free = [
         realistic(f'effects.{found.effect.name}.{p.name}', values[p.name], p)
         for p in found.effect.parameters

@@ -155,8 +155,7 @@ def with_effect(config: Config, found: FoundEffect, values: Mapping[str, float])
     Of one that is active, with one in another form, what it has already stays as it is.
     """
     law = law_of(found, config.effects)
-    known = {} if law is None else {p.name: v for p, v in zip(law.found.effect.parameters, law.values, strict=True)}
-    known |= values
+    known = {**(law.by_short_name if law else {}), **values}
     at = tuple(known.get(p.name, p.default if p.neutral is None else p.neutral) for p in found.effect.parameters)
     others = tuple(one for one in config.effects if one is not law)
     return config.variant(effects=(*others, ActiveEffect(found, at)))

@@ -64,8 +64,12 @@ class ActiveEffect:
     @property
     def by_name(self) -> dict[str, float]:
         """The values by full name, such as ``effects.gravity.g_y``."""
-        effect = self.found.effect
-        return {f'effects.{effect.name}.{p.name}': v for p, v in zip(effect.parameters, self.values, strict=True)}
+        return {f'effects.{self.found.effect.name}.{name}': value for name, value in self.by_short_name.items()}
+
+    @property
+    def by_short_name(self) -> dict[str, float]:
+        """The values by the names that the effect's declaration gives its parameters."""
+        return {p.name: value for p, value in zip(self.found.effect.parameters, self.values, strict=True)}
 
     def with_values(self, values: Mapping[str, float]) -> ActiveEffect:
         """The same with values that are given by full name."""
