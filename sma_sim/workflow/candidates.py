@@ -336,8 +336,6 @@ def traces(base: LinearModel, alone: LinearModel) -> dict[str, Matrix]:
     as explains most, to first order."""
     changes = [run.residuals - without.residuals for run, without in zip(alone.linear, base.linear, strict=True)]
     rest = base.projection(np.concatenate([change.ravel() for change in changes]))
-    residuals = np.concatenate([run.residuals.ravel() for run in base.linear])
-    amount = max(-float(rest @ residuals) / max(float(rest @ rest), 1e-300), 0.0)
-    parts = np.split(amount * rest, np.cumsum([change.size for change in changes])[:-1])
-    runs = zip(base.problem.runs, parts, changes, strict=True)
+    amount = max(-float(rest @ base.projection.residuals) / max(float(rest @ rest), 1e-300), 0.0)
+    runs = zip(base.problem.runs, base.projection.by_run(amount * rest), changes, strict=True)
     return {run.name: part.reshape(change.shape) for run, part, change in runs}

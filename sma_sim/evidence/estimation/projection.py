@@ -19,9 +19,13 @@ MIN_UNABSORBED = 1e-6  # of a response: where less is left it is rounding error,
 
 
 class Projection:
-    """Takes from a response what the fitted unknowns can absorb; their priors hold them back as in the fit."""
+    """Takes from a response what the fitted unknowns can absorb; their priors hold them back as in the fit.
+
+    `residuals` (N,): of all runs, one behind the other, as responses are.
+    """
 
     def __init__(self, linear: Sequence[LinearizedRun], n: int, tempering: float = 1.0) -> None:
+        self.residuals: Vector = np.concatenate([run.residuals.ravel() for run in linear])
         parts = (normal_equations(run, robust=False) for run in linear)
         self._linear, self._prior = linear, tempering**2
         self._inverse = np.linalg.inv(accumulated(parts, np.zeros(n), tempering)[2])
@@ -31,18 +35,18 @@ class Projection:
         absorbed = self._inverse @ self._scores(response)
         rest = [
             part - absorbed[run.indices] @ run.jacobian.reshape(len(run.indices), -1)
-            for run, part in zip(self._linear, self._by_run(response), strict=True)
+            for run, part in zip(self._linear, self.by_run(response), strict=True)
         ]
         return np.concatenate(rest)
 
-    def _by_run(self, responses: Vector | Matrix) -> list[NDArray[np.float64]]:
+    def by_run(self, responses: Vector | Matrix) -> list[NDArray[np.float64]]:
         """The part of every run of responses (..., N)."""
         return np.split(responses, np.cumsum([run.residuals.size for run in self._linear])[:-1], axis=-1)
 
     def _scores(self, responses: Vector | Matrix) -> NDArray[np.float64]:
         """Products of responses (..., N) with all derivatives, (..., n)."""
         scores = np.zeros((*responses.shape[:-1], len(self._inverse)))
-        for run, part in zip(self._linear, self._by_run(responses), strict=True):
+        for run, part in zip(self._linear, self.by_run(responses), strict=True):
             scores[..., run.indices] += part @ run.jacobian.reshape(len(run.indices), -1).T
         return scores
 

@@ -44,7 +44,7 @@ def promises(problem: Problem, z: Vector, context: SearchContext) -> dict[Record
         return moving
     project = Projection(linear, len(z), problem.tempering)
     responses = responses_at(problem, z, linear, context)
-    found = {difference: gain(by_run, linear, project) for difference, by_run in responses.items()}
+    found = {difference: gain(by_run, project) for difference, by_run in responses.items()}
     for side in (1, -1):
         found |= unpowered_side(problem, z, linear, side, context)
     return {one: taken for one, taken in (found | moving).items() if one.words not in known}
@@ -72,11 +72,10 @@ def responses_at(
     return found
 
 
-def gain(responses: Sequence[Matrix], linear: Sequence[LinearizedRun], project: Projection) -> float:
+def gain(responses: Sequence[Matrix], project: Projection) -> float:
     """By how much the squares decrease if each run has its own amount of its response, under a standard normal prior."""
-    residuals = np.concatenate([run.residuals.ravel() for run in linear])
     columns = np.array([project(column) for column in block_diag(*(response.ravel() for response in responses))])
-    score = columns @ residuals
+    score = columns @ project.residuals
     return float(score @ np.linalg.solve(columns @ columns.T + np.eye(len(columns)), score))
 
 

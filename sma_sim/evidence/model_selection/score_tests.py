@@ -118,7 +118,6 @@ def ranked(
     responses: Callable[[Sequence[Candidate]], Mapping[Probe, Vector]],
 ) -> tuple[ScreeningResult, ...]:
     """The candidates by gain, the largest first, from the `responses` to their probes."""
-    residuals = np.concatenate([run.residuals.ravel() for run in linear])
     if any(instants_of(candidate.found) for candidate in candidates):
         instants = change_points(problem, linear)
         candidates = [at_instants(candidate, instants) for candidate in candidates]
@@ -126,7 +125,7 @@ def ranked(
 
     def tested(some: Sequence[Candidate]) -> list[ScreeningResult]:
         shown = responses(some)
-        return [score_test(candidate, shown, project, residuals) for candidate in some]
+        return [score_test(candidate, shown, project) for candidate in some]
 
     found = tested(candidates)
     weak = {k: Candidate(one.candidate.found, (family,)) for k, one in enumerate(found) if (family := nearer_probes(one))}
@@ -137,9 +136,7 @@ def ranked(
     return tuple(sorted(found, key=lambda result: -result.gain))
 
 
-def score_test(
-    candidate: Candidate, responses: Mapping[Probe, Vector], project: Projection, residuals: Vector
-) -> ScreeningResult:
+def score_test(candidate: Candidate, responses: Mapping[Probe, Vector], project: Projection) -> ScreeningResult:
     """What the best family of a candidate's probes could explain; nothing where the channels cannot see it."""
     best, lines = ScreeningResult(candidate, 0.0, {}), list[tuple[float, float, float]]()
     for family in candidate.families:
@@ -147,9 +144,9 @@ def score_test(
         visible = [(probe, response) for probe, response in projected if response is not None]
         lines += [(0.0, 0.0, candidate.largest(probe)) for probe, response in projected if response is None]
         if visible:
-            lines += [(float(one @ residuals), float(one @ one), candidate.largest(probe)) for probe, one in visible]
+            lines += [(float(one @ project.residuals), float(one @ one), candidate.largest(probe)) for probe, one in visible]
             probes = [probe for probe, _ in visible]
-            gain, amounts = explained(probes, np.array([response for _, response in visible]), residuals)
+            gain, amounts = explained(probes, np.array([response for _, response in visible]), project.residuals)
             if gain > best.gain:
                 best = ScreeningResult(candidate, gain, values_at(probes, amounts))
     return replace(best, lines=tuple(lines))

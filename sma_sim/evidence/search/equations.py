@@ -15,9 +15,9 @@ from sma_sim.evidence.estimation.levenberg_marquardt import refit
 from sma_sim.evidence.estimation.problem import Problem, normal_parts, residuals_at
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import Candidate
-from sma_sim.evidence.model_selection.model_changes import with_candidate, without_effect
+from sma_sim.evidence.model_selection.model_changes import with_candidate
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
-from sma_sim.evidence.search.beam import Book
+from sma_sim.evidence.search.beam import Book, stripped
 from sma_sim.evidence.search.posterior import Posterior
 from sma_sim.evidence.search.refine import Model
 from sma_sim.evidence.search.steps import standard_errors
@@ -146,13 +146,9 @@ def formula_of(model: Model) -> Formula:
 
 def as_effect(model: Model, context: SearchContext) -> FitResult:
     """The fit with the equation as one effect of its own, in place of the terms of which it was composed."""
-    formula, fit = formula_of(model), model.fit
-    for component in model.components:
-        if component.is_formula:
-            problem, z = without_effect(fit, component.effect)
-            fit = FitResult(problem, z, fit.cost)
+    formula, rest = formula_of(model), stripped(model, [one for one in model.components if one.is_formula])
     start = {p.name: p.default for p in formula.parameters}
-    problem, z = with_candidate(fit, ScreeningResult(Candidate(formula.load(), ()), 0.0, start))
+    problem, z = with_candidate(rest.fit, ScreeningResult(Candidate(formula.load(), ()), 0.0, start))
     found = refit(problem, z, context)
     return found if found is not None else FitResult(problem, z, model.fit.cost)
 

@@ -93,7 +93,7 @@ class LinearizedFit:
         self.runs = ModelRuns(problem, z)
         self.linear = linearize(problem, z, pool, measured_steps(problem, z, pool), central=True)
         self.projection = Projection(self.linear, len(z))
-        self.projected_residuals = self.projection(np.concatenate([run.residuals.ravel() for run in self.linear]))
+        self.projected_residuals = self.projection(self.projection.residuals)
         self._nearby = near(problem, [run.correction for run in self.linear])
         self._config = problem.at_tolerance(RESPONSE_RTOL).fitted(z)
         (self._nominal,) = residuals_under(self._nearby, z, [self._config], pool)
