@@ -26,7 +26,14 @@ from sma_sim.evidence.estimation.free_parameters import declared_parameters
 from sma_sim.evidence.estimation.levenberg_marquardt import bounded_step
 from sma_sim.evidence.estimation.overdispersion import measured, overdispersion_of
 from sma_sim.evidence.estimation.plausibility import realistic_range
-from sma_sim.evidence.estimation.problem import LinearizedRun, NormalEquations, Problem, linearize, normal_equations
+from sma_sim.evidence.estimation.problem import (
+    LinearizedRun,
+    NormalEquations,
+    Problem,
+    accumulated,
+    linearize,
+    normal_equations,
+)
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.search.bounded_integral import log_bounded_integral
 from sma_sim.model.arrays import Mask, Matrix, Vector
@@ -133,13 +140,8 @@ class Evidence:
 
     def _sums(self, runs: Sequence[int]) -> tuple[float, Vector, Matrix]:
         """Squares, gradient and Hessian of the data of some runs, of all unknowns."""
-        n = len(self.z)
-        squares, gradient, hessian = 0.0, np.zeros(n), np.zeros((n, n))
-        for part in (self.parts[run] for run in runs):
-            squares += 2.0 * part.cost
-            gradient[part.indices] += part.gradient
-            hessian[np.ix_(part.indices, part.indices)] += part.hessian
-        return squares, gradient, hessian
+        cost, gradient, hessian = accumulated((self.parts[run] for run in runs), np.zeros(len(self.z)), tempering=0.0)
+        return 2.0 * cost, gradient, hessian
 
 
 def evidence_of(fit: FitResult, log_prior: float, context: SearchContext) -> Evidence:
