@@ -528,13 +528,17 @@ class Observer:
 
     def _seen(self, belief: Belief) -> tuple[Vector, Matrix]:
         """A whole sample at a belief, and its derivatives in all that is estimated."""
-        if self._observed is None or self._observed[0] is not belief.run:  # a correction leaves the run as it is
-            sample, derivatives = belief.reference.propagation.observe(belief.time, belief.run, self._inputs(belief))
-            self._observed = belief.run, sample, derivatives
-        _, sample, derivatives = self._observed
+        sample, derivatives = self._seen_of_run(belief)
         whole = np.zeros((len(sample), self._size))
         whole[:, : self._at.count] = derivatives
         return sample + derivatives @ self._beside(belief), whole
+
+    def _seen_of_run(self, belief: Belief) -> tuple[Vector, Matrix]:
+        """A whole sample of the run of a belief, and its derivatives in the unknowns of a run."""
+        if self._observed is None or self._observed[0] is not belief.run:  # a correction leaves the run as it is
+            sample, derivatives = belief.reference.propagation.observe(belief.time, belief.run, self._inputs(belief))
+            self._observed = belief.run, sample, derivatives
+        return self._observed[1:]
 
     def _innovation(self, belief: Belief, measured: Vector) -> tuple[Vector, Vector, Matrix, Matrix]:
         """What is measured less what is expected, where it is not NaN (m,); its squares over their variances, its covariance
@@ -652,15 +656,17 @@ class Observer:
 
         The filter itself goes on without: what is beyond a bound again and again is no information about parameters.
         """
-        sample, derivatives = self._seen(belief)
-        T, x_M, stress = sample[self._outputs].reshape(len(OUTPUTS), -1)
+        sample, derivatives = self._seen_of_run(belief)
+        slopes = derivatives[self._outputs]
+        T, x_M, stress = (sample[self._outputs] + slopes @ self._beside(belief)).reshape(len(OUTPUTS), -1)
         wire, least = belief.reference.propagation.model.wire, belief.unheated
         heats = np.array([latent_heat(least, max(sigma, 0.0), wire) for sigma in stress.tolist()])
         colder = np.clip(1.0 - x_M, 0.0, 1.0) * heats / heat_capacity(least, 1.0, wire)
         room = T + colder - least - belief.mean[self._at.T_E]
         if not (room < 0.0).any():
             return belief
-        rows = derivatives[self._outputs[: len(T)]]
+        rows = np.zeros((len(T), self._size))
+        rows[:, : self._at.count] = slopes[: len(T)]
         rows[:, self._at.T_E] -= 1.0
         gained = belief.covariance @ rows.T
         variances, directions = np.linalg.eigh(rows @ gained)
