@@ -46,6 +46,17 @@ def test_of_a_slow_sensor_each_reading_counts_when_it_is_new():
     assert np.array_equal(recording.time[kept], time[::7]) and np.array_equal(recording.channels['T'][kept], T[::7])
 
 
+def test_a_rest_that_comes_again_has_the_same_error_of_rounding():
+    """Ten visits to one rest tell as much of it as one; a value that is read once keeps its noise."""
+    time = np.arange(0.0, 70.0, 0.02)
+    T = np.where(time % 7.0 < 3.5, 300.1, 303.1 + 0.01 * time)
+    (recording,) = thinned(dataset_of(time, STEP * np.round(T / STEP))).recordings
+    values, stds = recording.channels['T'], recording.sample_std['T']
+    rest = values == 300.0
+    assert rest.sum() == 10 and stds[rest] == pytest.approx(0.07 * np.sqrt(10.0))
+    assert np.sum(1.0 / stds[rest] ** 2) == pytest.approx(1.0 / 0.07**2)
+
+
 @pytest.mark.parametrize('noise', [0.02, 0.3])
 def test_noise_that_hides_the_resolution_keeps_every_row(noise):
     time, T = slow_warming()

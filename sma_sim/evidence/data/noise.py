@@ -9,7 +9,7 @@ count, and corrected by what a normal distribution has in that part; then again 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import comb, sqrt
 from statistics import NormalDist
 
@@ -150,6 +150,9 @@ def noise_by_channel(recordings: Sequence[Recording]) -> dict[str, Noise]:
     for recording in recordings:
         for name, values in recording.channels.items():
             noise = estimate_noise(recording.time, values)
+            rounding = recording.rounding.get(name)
+            if noise is not None and rounding is not None:
+                noise = replace(noise, std=rounding.noise_std, step=rounding.step)
             if noise is not None:
                 found.setdefault(name, []).append(noise)
     return {name: pooled_noise(parts) for name, parts in found.items()}

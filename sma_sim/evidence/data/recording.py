@@ -11,6 +11,7 @@ from math import inf
 
 import numpy as np
 
+from sma_sim.evidence.data.rounding import Rounding
 from sma_sim.evidence.data.units import array_mismatch, slow_sampling
 from sma_sim.model.archive import Saved
 from sma_sim.model.argument_checks import as_array, check_fields, expect
@@ -131,6 +132,8 @@ class Recording(Shown, Saved, Comparable):
         By column of what was imposed and measured with noise, how well it is known all the same (SI).
     sample_std : mapping
         By channel whose noise differs from sample to sample, its standard deviations (k,) (SI); NaN: that of the dataset.
+    rounding : mapping
+        By channel whose rounding noise does not hide, how its readings were rounded; `read_dataset` finds it.
 
     Warns
     -----
@@ -153,6 +156,7 @@ class Recording(Shown, Saved, Comparable):
     imposed_std: Mapping[str, float] = field(default_factory=dict)
     sample_std: Mapping[str, Vector] = field(default_factory=dict)
     in_motion: bool = False
+    rounding: Mapping[str, Rounding] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -201,6 +205,12 @@ class Recording(Shown, Saved, Comparable):
                 raise UserError(
                     f'recording {self.name}, sample_std of {name!r}: expected a standard deviation above 0 (SI) for each '
                     f'of the {len(time)} samples of a channel that was measured'
+                )
+        for name in self.rounding:
+            if name not in self.channels:
+                expected = ', '.join(self.channels)
+                raise UserError(
+                    f'recording {self.name}, rounding: no channel {name!r} was measured; expected some of {expected}'
                 )
         if not 0.0 <= self.ambient_std < inf:
             raise UserError(f'recording {self.name}, ambient_std = {self.ambient_std:g}: expected kelvin, 0 or more')
@@ -269,7 +279,7 @@ class Dataset(Shown, Saved, Comparable):
     nuisances : mapping
         By effect that belongs to the bench, the standard deviations of the priors of its parameters (SI).
     resolution : mapping
-        By channel of which rows that repeat a value were left out, the step of its numbers (SI), which is its noise.
+        By channel that is rounded to steps which its noise does not hide, that step (SI).
     """
 
     recordings: tuple[Recording, ...]

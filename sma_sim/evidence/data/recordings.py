@@ -22,6 +22,7 @@ from sma_sim.evidence.data.repeatability import levels_of_noise, with_bench
 from sma_sim.evidence.data.repeated_values import without_constant_channels, without_repeated_values
 from sma_sim.evidence.data.rosbag.bag_files import is_bag
 from sma_sim.evidence.data.rosbag.commands import NODE_LIMITS, CommandLimits
+from sma_sim.evidence.data.rounding import rounding_of
 from sma_sim.evidence.data.sources import COLUMNS_BY_SYSTEM, checked_noise, read_noise_file, read_source, recordings_in
 from sma_sim.model.argument_checks import checked
 from sma_sim.model.arrays import Vector
@@ -108,6 +109,7 @@ def read_dataset(
     notes += different_beginnings(recordings)
     stated = noise_from_folders([path for path, _ in files], channels, notes) | given
     recordings = tuple(map(partial(without_sample_noise, channels=given), recordings))
+    recordings = with_rounding(recordings)
     estimates = noise_by_channel(recordings)
     noise = dataset_noise(recordings, stated, estimates, notes)
     for name in set(RESPONDING) & set(noise):
@@ -253,6 +255,17 @@ def without_sample_noise(recording: Recording, channels: Collection[str]) -> Rec
     return replace(recording, sample_std={name: stds for name, stds in recording.sample_std.items() if name not in channels})
 
 
+def with_rounding(recordings: tuple[Recording, ...]) -> tuple[Recording, ...]:
+    """The recordings with how their channels were rounded; not of quasi-static tests, whose curves are read from rows."""
+    moving = [one for one in recordings if not known_structures()[one.system].is_quasi_static]
+    runs: dict[str, list[Vector]] = {}
+    for name, values in (channel for one in moving for channel in one.channels.items() if channel[0] not in one.sample_std):
+        runs.setdefault(name, []).append(values)
+    found = {name: one for name, shown in runs.items() for one in (rounding_of(shown),) if one is not None}
+    own = {one.name: {name: known for name, known in found.items() if name in one.channels} for one in moving}
+    return tuple(replace(one, rounding=own[one.name]) if own.get(one.name) else one for one in recordings)
+
+
 def dataset_noise(
     recordings: Sequence[Recording], given: Mapping[str, float], estimated: Mapping[str, Noise], notes: list[str]
 ) -> dict[str, float]:
@@ -283,6 +296,8 @@ def dataset_noise(
         else:
             noise[name] = estimate.std
             reason = f', most of it the resolution {in_display_unit(name, estimate.step)}' if estimate.quantised else ''
+            if any(name in recording.rounding for recording in recordings):
+                reason = f', read in steps of {in_display_unit(name, estimate.step)}, which fits allow for'
             reason += ', values are repeated: the sensor is slower than the recording' if estimate.held else ''
             notes.append(f'noise of {name}: {in_display_unit(name, estimate.std)}, estimated from the data{reason}')
     return noise

@@ -6,7 +6,7 @@ value tell what one row tells. Where noise is larger than the resolution, it mak
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,24 +25,26 @@ SHORT = 0.1  # of the longest of these: what noise makes at the edge of two step
 def without_repeated_values(dataset: Dataset, estimates: Mapping[str, Noise]) -> Dataset:
     """The dataset with one row for each value that is repeated, and notes on it, by the noise that its channels show.
 
-    All rows stay of channels whose noise hides the resolution, or is stated by row or by what repeated experiments differ
-    by; and of quasi-static tests, whose curves are read from them.
+    All rows stay of channels whose noise hides the resolution, or decides which of two steps is read (`Rounding`), or is
+    stated by row or by what repeated experiments differ by; and of quasi-static tests, whose curves are read from them.
     """
     noise = dataset.noise_std
+    rounded = {name: one.step for recording in dataset.recordings for name, one in recording.rounding.items()}
     repeating = {
         name: one
         for name, one in estimates.items()
-        if (one.held or 0.0 < noise[name] < one.step) and name not in dataset.floor
+        if (one.held or 0.0 < noise[name] < one.step) and name not in dataset.floor and name not in rounded
     }
     recordings = tuple(with_one_row_each(recording, repeating) for recording in dataset.recordings)
+    coarse = {name: one.step for name, one in repeating.items() if not one.held}
+    recordings = with_repeated_levels(recordings, {name: noise[name] for name in coarse})
     notes = [
         note_of(name, one, samples(dataset.recordings, name), left)
         for name, one in repeating.items()
         for left in (samples(recordings, name),)
         if left < samples(dataset.recordings, name)
     ]
-    coarse = {name: one.step for name, one in repeating.items() if not one.held}
-    return replace(dataset, recordings=recordings, notes=(*dataset.notes, *notes), resolution=coarse)
+    return replace(dataset, recordings=recordings, notes=(*dataset.notes, *notes), resolution={**coarse, **rounded})
 
 
 def without_constant_channels(dataset: Dataset, stated: Collection[str]) -> Dataset:
@@ -66,8 +68,8 @@ def without_constant_channels(dataset: Dataset, stated: Collection[str]) -> Data
 def with_one_row_each(recording: Recording, repeating: Mapping[str, Noise]) -> Recording:
     """The recording with these channels where their values are new; rows without any measurement are left out, but the first
     and the last one."""
-    own = [name for name in repeating if name in recording.channels and name not in recording.sample_std]
-    if not own or known_structures()[recording.system].is_quasi_static:
+    own = [name for name in repeating if is_thinned(recording, name)]
+    if not own:
         return recording
     channels = dict(recording.channels)
     for name in own:
@@ -81,6 +83,27 @@ def with_one_row_each(recording: Recording, repeating: Mapping[str, Noise]) -> R
         channels={name: np.asarray(values)[rows] for name, values in channels.items()},
         sample_std={name: np.asarray(stds)[rows] for name, stds in recording.sample_std.items()},
     )
+
+
+def with_repeated_levels(recordings: Sequence[Recording], noise: Mapping[str, float]) -> tuple[Recording, ...]:
+    """Recordings in which all readings of one value tell as much as one: a robot that comes to the same rest again has the
+    same error of rounding there. `noise`: of a single reading, by channel whose resolution is coarse."""
+    found = list(recordings)
+    for name, std in noise.items():
+        own = [k for k, one in enumerate(found) if is_thinned(one, name)]
+        if own:
+            values = np.concatenate([np.asarray(found[k].channels[name], dtype=float) for k in own])
+            _, level, count = np.unique(values, return_inverse=True, return_counts=True)
+            stds = np.split(std * np.sqrt(count[level]), np.cumsum([len(found[k].time) for k in own])[:-1])
+            for k, part in zip(own, stds, strict=True):
+                found[k] = replace(found[k], sample_std={**found[k].sample_std, name: part})
+    return tuple(found)
+
+
+def is_thinned(recording: Recording, channel: str) -> bool:
+    """Whether rows of a channel that repeat a value may be left out."""
+    own = channel in recording.channels and channel not in recording.sample_std
+    return own and not known_structures()[recording.system].is_quasi_static
 
 
 def is_new(values: Vector, held: bool) -> NDArray[np.bool_]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.data.noise import estimate_noise
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording, channels_of_family, is_resistance
+from sma_sim.evidence.data.rounding import Rounding
 from sma_sim.evidence.estimation.prepared_fit import check_data
 from sma_sim.model.argument_checks import check_fields, checked
 from sma_sim.model.arrays import Vector
@@ -65,7 +66,8 @@ class FitData:
     within the hysteresis. `leeway`: how far a command that changes at every moment may be smoothed. `correction`
     (channels, k): what the weighted residuals of a run are more than those of one under the
     smoothed command, at a point nearby; without it runs are made row by row. `floor_shares`: by channel, the part of the
-    variance of the noise that is what repeated experiments differ by; empty where that is not known.
+    variance of the noise that is what repeated experiments differ by; empty where that is not known. `rounding`: by channel
+    whose rounding noise does not hide.
     """
 
     name: str
@@ -92,6 +94,7 @@ class FitData:
     floor_shares: tuple[float, ...] = ()
     beginning_std: Beginning = AT_REST
     known_beginning: Beginning = AT_REST
+    rounding: Mapping[str, Rounding] = field(default_factory=dict)
     _last_plan: list[tuple[Nuisance, Plan]] = field(init=False, repr=False, compare=False, default_factory=list)
 
     @property
@@ -208,6 +211,7 @@ def fit_data(
         zero_range=zero_range(recording, level),
         starts=0 if structure.is_quasi_static else structure.wires,
         beginning_std=beginning_stds(structure) if recording.in_motion else AT_REST,
+        rounding=recording.rounding,
     )
 
 
@@ -417,6 +421,9 @@ def model_columns(config: Config, recording: Recording | FitData, nuisance: Nuis
         names = [CHANNEL_COLUMNS[name] for name in recording.channels]
         rows = np.array([columns[name] for name in names])
         columns |= dict(zip(names, rows + baseline(recording, rows), strict=True))
+    for name, rounding in recording.rounding.items():
+        column = CHANNEL_COLUMNS[name]
+        columns[column] = rounding.expected(columns[column])
     return columns
 
 
@@ -538,14 +545,37 @@ def shown_by_all(
 
 
 def compared(run: FitData, shown: NDArray[np.float64], nuisance: Nuisance | None) -> NDArray[np.float64]:
-    """(model - measured)/noise of what a model shows, (channels, k), with the zeros of the recording."""
+    """(model - measured)/noise of what a model shows, (channels, k), with the zeros of the recording, as it is read."""
+    return (as_read(run, as_shown(run, shown, nuisance)) - run.measured) * run.weight
+
+
+def as_shown(run: FitData, shown: NDArray[np.float64], nuisance: Nuisance | None) -> NDArray[np.float64]:
+    """What a model shows, (channels, k), with the zeros of the recording."""
     if nuisance and nuisance.unknown_zero and 'strain' in run.channels:
         k = run.channels.index('strain')
         shown = shown.copy()
         shown[k] += strain_zero(run, shown[k])
     if run.zero_std:
         shown = shown + baseline(run, shown)
-    return (shown - run.measured) * run.weight
+    return shown
+
+
+def as_read(run: FitData, shown: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The mean reading of what is shown, (channels, k), where it is rounded."""
+    rounded = [(k, run.rounding[name]) for k, name in enumerate(run.channels) if name in run.rounding]
+    shown = shown.copy() if rounded else shown
+    for k, rounding in rounded:
+        shown[k] = rounding.expected(shown[k])
+    return shown
+
+
+def slopes_of_readings(run: FitData, shown: NDArray[np.float64]) -> NDArray[np.float64]:
+    """By how much mean readings, (channels, k), change with what is shown."""
+    slopes = np.ones_like(shown)
+    for k, name in enumerate(run.channels):
+        if name in run.rounding:
+            slopes[k] = run.rounding[name].slope(shown[k])
+    return slopes
 
 
 def zero_of(config: Config, run: FitData, nuisance: Nuisance) -> float:

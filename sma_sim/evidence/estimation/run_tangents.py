@@ -15,6 +15,7 @@ from sma_sim.evidence.estimation.residuals import (
     Nuisance,
     compared,
     planned_run,
+    slopes_of_readings,
     smoothed_residuals,
     start_of,
     step_limit,
@@ -162,7 +163,7 @@ def looser(run: FitData, config: Config) -> float:
 def derivatives(run: FitData, nuisance: Nuisance, shown: Matrix, tangents: NDArray[np.float64]) -> NDArray[np.float64]:
     """Derivatives of weighted residuals from those of what is shown: the baseline of a recording moves with that."""
     if not (run.zero_std or nuisance.unknown_zero):
-        return tangents * run.weight
+        return tangents * (run.weight * slopes_of_readings(run, shown) if run.rounding else run.weight)
     here = compared(run, shown, nuisance)
     sides: Sequence[Matrix] = [(compared(run, shown + DELTA * one, nuisance) - here) / DELTA for one in tangents]
     return np.array(sides)

@@ -16,6 +16,7 @@ import numpy as np
 
 from sma_sim.evidence.data.noise import noise_by_channel
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording
+from sma_sim.evidence.data.rounding import Rounding
 from sma_sim.evidence.data.train_test_split import pooled
 from sma_sim.evidence.estimation.residuals import FitData
 from sma_sim.evidence.model_selection.criteria import CRITERIA
@@ -196,7 +197,7 @@ class Fault:
             return replace(recording, time=self.factor * recording.time, source=source, known_changes=known)
         if not self.is_of_channels:
             return replace(recording, source=self.in_input(recording.source))
-        channels = dict(recording.channels)
+        channels, rounding = dict(recording.channels), self.in_rounding(recording.rounding)
         if self.kind == 'swap':
             first, second = self.quantities
             channels = {{first: second, second: first}.get(name, name): values for name, values in channels.items()}
@@ -206,7 +207,15 @@ class Fault:
                 channels[name][list(self.rows.get(recording.name, ()))] = np.nan
         else:
             channels |= {name: self.multiplier * channels[name] for name in self.quantities if name in channels}
-        return replace(recording, channels=channels)
+        return replace(recording, channels=channels, rounding=rounding)
+
+    def in_rounding(self, rounding: Mapping[str, Rounding]) -> dict[str, Rounding]:
+        """How channels without it are rounded."""
+        if self.kind == 'swap':
+            first, second = self.quantities
+            return {{first: second, second: first}.get(name, name): one for name, one in rounding.items()}
+        factor = 1.0 if self.kind == 'outliers' else self.multiplier
+        return {name: one.times(factor) if name in self.quantities else one for name, one in rounding.items()}
 
     @property
     def multiplier(self) -> float:
@@ -245,7 +254,7 @@ class Fault:
             return replace(run, weight=weight)
         measured[at] = measured[at[::-1]] if self.kind == 'swap' else self.multiplier * measured[at]
         weight[at] = weight[at[::-1]] if self.kind == 'swap' else weight[at] / abs(self.multiplier)
-        return replace(run, measured=measured, weight=weight)
+        return replace(run, measured=measured, weight=weight, rounding=self.in_rounding(run.rounding))
 
 
 def with_command(source: Input, other: Input) -> Input:
