@@ -28,6 +28,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
@@ -65,7 +66,7 @@ from sma_sim.evidence.search.posterior import Posterior
 from sma_sim.evidence.search.score import SPARSITY, Evidence, evidence_of
 from sma_sim.model.config import Config
 from sma_sim.model.effects.discovery import ActiveEffect, find_effects
-from sma_sim.model.effects.scope import SEPARATOR
+from sma_sim.model.effects.scope import FORM, SEPARATOR
 from sma_sim.report.palette import BLUE, GREY
 from sma_sim.report.style import plain_axes, save, sized_figure
 from sma_sim.solver.fixed_rate import FixedRateRun
@@ -196,10 +197,12 @@ def right_answers(part: str, hidden: Sequence[str], found: Diagnosis) -> list[st
 
 
 def is_truth(answer: str, result: Mapping[str, Any]) -> bool:
-    """Whether an answer is right: the truth, or the part of it that is more probable than the whole."""
+    """Whether an answer is right: the truth, its law in another form at the same places, or the part of it that is more
+    probable than the whole."""
     plain = '+'.join(sorted(name.partition(SEPARATOR)[0] for name in answer.split('+')))
     scoped = answer if SEPARATOR in answer else f'{answer}{SEPARATOR}'
-    return plain == result['seen'] or bool({answer, plain, scoped}.intersection(result['truth']))
+    listed = re.sub(rf'_?{FORM}\w+$', '', scoped)
+    return plain == result['seen'] or bool({answer, plain, scoped, listed}.intersection(result['truth']))
 
 
 def odds_of_truth(made: Challenge, pool: Executor) -> tuple[float | None, str | None]:

@@ -137,6 +137,16 @@ def test_noise_below_a_coarse_resolution_shows_where_the_signal_moves_fast(noise
     assert found.step == 1.0 and found.quantised and found.std == pytest.approx(expected, rel=0.15)
 
 
+def test_readings_that_a_logger_takes_twice_now_and_then_are_old():
+    """A sensor at 45 Hz in a log at 50 Hz; not what chance makes equal, nor what is equal at rest without noise."""
+    random, time = np.random.default_rng(5), np.arange(0.0, 60.0, 0.02)
+    values = np.sin(time) + 0.01 * random.normal(size=len(time))
+    old = values[np.floor(np.arange(len(time)) * 0.9 + 0.05).astype(int)]
+    assert (found := estimate_noise(time, old)).held and found.std == pytest.approx(0.01, rel=0.1)
+    assert not estimate_noise(time, np.round(values, 3)).held
+    assert not estimate_noise(time, np.where(time % 20.0 < 10.0, np.sin(time), 0.5)).held
+
+
 def test_invisible_and_unknown_noise(tmp_path):
     columns = module_columns(noise=False) | {'F_2_N': np.full(600, 7.0)}
     dataset = read_dataset([write_recording(tmp_path / 'run.csv', columns)], 'module', 298.0)

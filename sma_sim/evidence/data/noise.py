@@ -24,6 +24,7 @@ MAX_DEVIATION = 5.0  # standard deviations: what is beyond is no noise
 MIN_NOISE_SAMPLES = 20  # fewer give no useful standard deviation
 NOISE_BLOCK_LENGTH, NOISE_BLOCKS = 20_000, 10  # of a longer record only so many stretches of so many samples are used
 HELD_FRACTION = 0.3  # more equal neighbours than this: held samples or a coarse step
+FEW, MANY = 3, 4  # readings of one value side by side, at most; times as many of them as chance makes
 COMMON_FRACTION = 0.98  # of the samples show the resolution
 FAST_STEPS = 2.0  # of the resolution between neighbours, in which the error of rounding is another one each time
 COARSE_STEPS = 0.5  # below this many steps of the resolution the differences do not see the noise
@@ -59,7 +60,7 @@ def estimate_noise(time: Vector, values: Vector) -> Noise | None:
         return None
     step = resolution(values)
     keep = values[1:] != values[:-1]
-    held = bool(1.0 - keep.mean() > HELD_FRACTION and is_held(values))
+    held = bool(1.0 - keep.mean() > HELD_FRACTION and is_held(values)) or (step == 0.0 and is_read_twice(values))
     if held:
         fresh = np.concatenate([[True], keep])
         time, values = time[fresh], values[fresh]
@@ -115,6 +116,21 @@ def is_held(values: Vector) -> bool:
     runs = np.diff(changes)
     even = np.mean(np.abs(runs - np.median(runs)) <= 1) > 0.9
     return bool(even and np.median(runs) > 1)
+
+
+def is_read_twice(values: Vector) -> bool:
+    """Whether a sensor of fine resolution was now and then read again before it had anything new.
+
+    Equal neighbours are then far more than neighbours that differ by the least difference there is, as by chance they would
+    not be, and few of them stand side by side, as they would at rest without noise.
+    """
+    apart = np.abs(np.diff(values))
+    if not apart.any() or np.all(apart > 0.0):
+        return False
+    least = np.count_nonzero((apart > 0.0) & (apart < 1.5 * np.min(apart[apart > 0.0])))
+    ends = np.flatnonzero(np.concatenate([[True], apart > 0.0, [True]]))
+    again = np.diff(ends)[np.diff(ends) > 1]
+    return bool(len(again) >= MIN_NOISE_SAMPLES and np.mean(again <= FEW) > 0.9 and len(again) > MANY * least)
 
 
 def difference_scale(time: Vector, values: Vector, order: int = DIFFERENCE_ORDER) -> float | None:
