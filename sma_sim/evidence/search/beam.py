@@ -25,6 +25,7 @@ from sma_sim.evidence.search.refine import (
     Model,
     better,
     extended,
+    from_priors,
     further_fits,
     in_other_kinetics,
     model_of,
@@ -163,6 +164,7 @@ def search(nominal: Sequence[FitResult], context: SearchContext, equations: bool
     if equations and best.components and best.lacks_unlisted and not any(one.is_formula for one in best.components):
         add_equations(best, book, context)
     add_in_kinetics_of_best(book, context)
+    fit_rivals(book, context)
     settle(book, context)
     leave_out_copies(book, context)
     settle(book, context)
@@ -221,6 +223,19 @@ def expand_level(size: int, book: Book, context: SearchContext, thorough: bool =
                 deepen(parent, book, context)
         elif thorough:
             expand_in_other_kinetics(parent, book, context)
+
+
+def fit_rivals(book: Book, context: SearchContext) -> None:
+    """Fit what comes near the best model, with one effect in place of another, from the middle of all priors too, unless
+    it was: else it is where fits began that decides between them."""
+    best, k = book.best, book.overdispersion
+    for model in book.ranked(len(best.components)):
+        parent, effect = book.with_one_less(model, model.key[1]), bool(model.components and model.components[-1].effect)
+        if model is best or parent is None or not effect or model.starts > 1 or context.stop.is_set():
+            continue
+        if len(best.names - model.names) == 1 and model.fit.cost < best.reach(k):
+            context.on_progress(f'fitting {words(model)} from the middle of all priors')
+            book.add([from_priors(parent.fit, model, best.reach(k), context)])
 
 
 def settle(book: Book, context: SearchContext) -> None:

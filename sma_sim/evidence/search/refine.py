@@ -198,6 +198,12 @@ def restarted(base: FitResult, model: Model, target: float, context: SearchConte
     return run_in_threads([partial(refit, problem, at, context, one, target) for at, one in starts], context.stop)
 
 
+def from_priors(base: FitResult, model: Model, target: float, context: SearchContext) -> Model | None:
+    """A model fitted from the middle of all priors, given up where that cannot come down to the cost `target`."""
+    problem, _ = model.components[-1].added_to(at_prior_means(base))
+    return model_of(model.components, [refit(problem, at_defaults(problem), context, FROM_PRIORS, target)], context)
+
+
 def criteria_for(component: Component) -> StopCriteria:
     """How a model with one component more is fitted: beginnings have many unknowns, whose absence has bent all others."""
     return FROM_PRIORS if component.is_of_beginning else ADDED_EFFECT
