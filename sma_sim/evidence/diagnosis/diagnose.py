@@ -23,14 +23,17 @@ from sma_sim.evidence.diagnosis.conclusion import (
     conclusion,
     verdicts_by_run,
 )
-from sma_sim.evidence.estimation.calibrate import Calibration
+from sma_sim.evidence.estimation.calibrate import Calibration, full_problem
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.held_out_prediction import RunFit, pooled_error
 from sma_sim.evidence.estimation.interruption import stoppable
+from sma_sim.evidence.estimation.noise_at_rest import noise_at_rest, with_noise_of
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, implausible_in
 from sma_sim.evidence.estimation.prepared_fit import PreparedFit, check_data, check_systems, prepare
+from sma_sim.evidence.estimation.problem import residuals_at, start_point
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
+from sma_sim.evidence.estimation.run_subset import on_all_runs
 from sma_sim.evidence.estimation.search_context import OnProgress, SearchContext
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fits, report_model
@@ -322,6 +325,7 @@ def search_effects(
         start, faults = start.on(training), (*faults, *later)
         nominal = nominal_fits(start, options, context)
     data = StageData(start.dataset, held_out, options)
+    nominal = with_noise_at_rest(nominal, data, context)
     subsets, uncertain = [on_run_subset(fit) for fit in nominal], is_uncertain(faults)
     book = search(subsets, context, most=0, equations=False) if uncertain else search(subsets, context, request.equation)
     posterior = posterior_of(book)
@@ -367,6 +371,17 @@ def search_effects(
         by_held_out_run={} if context.stop.is_set() else verdicts_by_run(book, posterior, data, end),
         set_up=faults,
     )
+
+
+def with_noise_at_rest(nominal: Sequence[FitResult], data: StageData, context: SearchContext) -> list[FitResult]:
+    """The nominal fits with what all samples, beside the best of them, tell of noise that is correlated."""
+    best = min(nominal, key=lambda fit: fit.cost)
+    whole = full_problem(pooled(data.training, data.held_out), best, data.options)
+    left = residuals_at(whole, on_all_runs(best, whole, start_point(whole)), context.pool)
+    if any(rows is None for rows in left):
+        return list(nominal)
+    processes = noise_at_rest(whole, [rows for rows in left if rows is not None])
+    return [replace(fit, problem=with_noise_of(fit.problem, processes)) for fit in nominal]
 
 
 def noise_after(best: FitResult, data: StageData, faults: Sequence[Fault], context: SearchContext) -> tuple[Fault, ...]:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.noise import estimate_noise
+from sma_sim.evidence.data.noise_process import NoiseProcess
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording, channels_of_family, is_resistance
 from sma_sim.evidence.data.rounding import Rounding
 from sma_sim.evidence.estimation.prepared_fit import check_data
@@ -67,7 +68,7 @@ class FitData:
     (channels, k): what the weighted residuals of a run are more than those of one under the
     smoothed command, at a point nearby; without it runs are made row by row. `floor_shares`: by channel, the part of the
     variance of the noise that is what repeated experiments differ by; empty where that is not known. `rounding`: by channel
-    whose rounding noise does not hide.
+    whose rounding noise does not hide. `noise`: by channel whose noise is known to be correlated.
     """
 
     name: str
@@ -95,6 +96,7 @@ class FitData:
     beginning_std: Beginning = AT_REST
     known_beginning: Beginning = AT_REST
     rounding: Mapping[str, Rounding] = field(default_factory=dict)
+    noise: Mapping[str, NoiseProcess] = field(default_factory=dict)
     _last_plan: list[tuple[Nuisance, Plan]] = field(init=False, repr=False, compare=False, default_factory=list)
 
     @property

@@ -24,6 +24,7 @@ from scipy.linalg import LinAlgError
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import declared_parameters
 from sma_sim.evidence.estimation.levenberg_marquardt import bounded_step
+from sma_sim.evidence.estimation.noise_at_rest import pace
 from sma_sim.evidence.estimation.overdispersion import measured, overdispersion_of
 from sma_sim.evidence.estimation.plausibility import realistic_range
 from sma_sim.evidence.estimation.problem import (
@@ -152,11 +153,12 @@ def evidence_of(fit: FitResult, log_prior: float, context: SearchContext) -> Evi
 def evidence_at(problem: Problem, z: Vector, linear: Sequence[LinearizedRun], log_prior: float) -> Evidence:
     """The evidence of a model from its linearisation at z."""
     low, high, precision, log_density = prior_of_values(problem, z)
+    residuals = [run.residuals for run in linear]
     return Evidence(
         z, low, high, precision, tuple(normal_equations(run, problem.robust) for run in linear),
         profiled_information(problem), log_prior + log_density,
-        overdispersion_of(problem, [run.residuals for run in linear]),
-        unlisted_evidence([run.residuals for run in linear], [run.floor_shares for run in problem.runs]),
+        overdispersion_of(problem, residuals),
+        unlisted_evidence(residuals, [run.floor_shares for run in problem.runs], spectra_of_noise(problem, residuals)),
     )  # fmt: skip
 
 
@@ -200,10 +202,26 @@ def profiled_information(problem: Problem) -> tuple[Vector, ...]:
     )
 
 
-def unlisted_evidence(residuals: Sequence[Matrix], floor_shares: Sequence[Sequence[float]] = ()) -> float:
+def spectra_of_noise(problem: Problem, residuals: Sequence[Matrix]) -> list[list[Vector | float]]:
+    """By run and channel, the variances of the cosine coefficients of its noise; 1 of white noise."""
+    return [
+        [
+            run.noise[name].spectrum(len(measured(row)), pace(run)[0]) if name in run.noise else 1.0
+            for name, row in zip(run.channels, rows, strict=True)
+        ]
+        for run, rows in zip(problem.runs, residuals, strict=True)
+    ]
+
+
+def unlisted_evidence(
+    residuals: Sequence[Matrix],
+    floor_shares: Sequence[Sequence[float]] = (),
+    of_noise: Sequence[Sequence[Vector | float]] = (),
+) -> float:
     """Log Bayes factor of an unknown smooth function of time in one channel, in all recordings, beside noise.
 
-    `residuals`: (channels, k) of every run.
+    `residuals`: (channels, k) of every run. `of_noise`: by run and channel, the variances of the cosine
+    coefficients of noise that is not white.
 
     A Gaussian process with covariance a^2 exp(-|t - t'|/l) has nearly independent cosine coefficients d_j of variance
     a^2 s_j(l), which white noise of variance 1 adds to; averaged over amplitudes a and correlation times l, and over the
@@ -212,19 +230,20 @@ def unlisted_evidence(residuals: Sequence[Matrix], floor_shares: Sequence[Sequen
     """
     channels = max(len(rows) for rows in residuals)
     shares = floor_shares or [[0.0] * channels] * len(residuals)
+    noises = of_noise or [[1.0] * channels] * len(residuals)
     factors = []
     for channel in range(channels):
         rows = [
-            (of_run[channel], share[channel] if share else 0.0)
-            for of_run, share in zip(residuals, shares, strict=True)
+            (of_run[channel], share[channel] if share else 0.0, noise[channel])
+            for of_run, share, noise in zip(residuals, shares, noises, strict=True)
             if channel < len(of_run)
         ]
-        spectra = [(dct(measured(row), norm='ortho') ** 2, share) for row, share in rows if np.any(row)]
+        spectra = [(dct(measured(row), norm='ortho') ** 2, share, noise) for row, share, noise in rows if np.any(row)]
         if spectra:
-            noises = PERIODS if any(share for _, share in spectra) else PERIODS[:1]  # all alike where no part of it lasts
+            lasts = any(share for _, share, _ in spectra)
             alone, beside = list[float](), list[float]()
-            for noise in noises:
-                rows_alone = [(power, 1.0 - f + f * spectrum_of(len(power), noise)) for power, f in spectra]
+            for noise in PERIODS if lasts else PERIODS[:1]:  # all alike where no part of it lasts
+                rows_alone = [(power, (1.0 - f) * own + f * spectrum_of(len(power), noise)) for power, f, own in spectra]
                 alone.append(sum(log_density(power, variance) for power, variance in rows_alone))
                 for period in PERIODS:
                     both = [(power, known, spectrum_of(len(power), period)) for power, known in rows_alone]

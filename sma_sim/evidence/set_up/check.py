@@ -25,6 +25,7 @@ from sma_sim.evidence.estimation.calibrate import SEARCH_SAMPLES, FitOptions, fu
 from sma_sim.evidence.estimation.executors import run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.levenberg_marquardt import bounded_step, refit
+from sma_sim.evidence.estimation.noise_at_rest import noise_at_rest
 from sma_sim.evidence.estimation.overdispersion import overdispersion_of
 from sma_sim.evidence.estimation.problem import (
     LinearizedRun,
@@ -608,13 +609,14 @@ def scales(problem: Problem, rows: Sequence[Rows], order: int) -> dict[str, tupl
 def wrong_noise(problem: Problem, residuals: Sequence[Rows], dataset: Dataset, is_fitted: bool) -> list[Fault]:
     """The channels whose noise is stated too small, or too large, where differences of all orders agree on it.
 
-    Too small: the samples themselves scatter as much, not only what a model leaves of them. Too large: a fit (`is_fitted`)
-    leaves as little; a noise that is slow may hide from differences. Not where a resolution or repeated experiments say what
+    Too small: the samples themselves scatter as much, not only what a model leaves of them; or they do at rest, where noise
+    that a filter has smoothed shows (`noise_at_rest`). Too large: a fit (`is_fitted`) leaves as little; a noise that is slow
+    may hide from differences. Not where a resolution or repeated experiments say what
     noise is, nor where none is visible.
     """
     if dataset.floor or problem.config.structure.structure.is_quasi_static:
         return []
-    by_order = [scales(problem, residuals, order) for order in ORDERS]
+    by_order, at_rest = [scales(problem, residuals, order) for order in ORDERS], noise_at_rest(problem, residuals)
     raw = scales(problem, [run.measured * run.weight for run in problem.runs], ORDERS[0])
     sizes = dict[str, tuple[float, int]]()
     for name, (_, count) in by_order[0].items():
@@ -623,6 +625,9 @@ def wrong_noise(problem: Problem, residuals: Sequence[Rows], dataset: Dataset, i
         found = [scale[name][0] for scale in by_order if name in scale]
         least = float(np.exp(sqrt(2.0 * SCATTER * (WINDOW + SPARSITY) / count)))
         limit = max(CRITERIA.noise_only, least)
+        if name in at_rest and at_rest[name].std > limit:
+            sizes[name] = at_rest[name].std, count
+            continue
         if len(found) < len(ORDERS) or min(found) <= 0.0 or max(found) > limit * min(found):
             continue
         size = found[0]

@@ -1,0 +1,101 @@
+"""Noise that a filter in a sensor has smoothed: told at rest, and not taken for something that a model lacks."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.fft import dct
+from scipy.ndimage import uniform_filter1d
+from simulated_data import NOISE, command, config, recording
+
+from sma_sim import Dataset, FitOptions, find_effects
+from sma_sim.evidence.data.noise_process import NoiseProcess, process_of
+from sma_sim.evidence.diagnosis.diagnose import diagnose
+from sma_sim.evidence.estimation.calibrate import problem_for
+from sma_sim.evidence.estimation.noise_at_rest import noise_at_rest, with_noise_of
+from sma_sim.evidence.estimation.residuals import weighted_residuals
+from sma_sim.evidence.model_selection.candidates import with_effect
+from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
+from sma_sim.evidence.search.score import spectra_of_noise, unlisted_evidence
+
+INTERVAL = 0.05
+
+
+def smoothed(random, count, memory=0.8, white=0.0):
+    """Noise of variance 1 with a memory from sample to sample, beside white noise."""
+    found, steps = np.zeros(count), random.normal(size=count)
+    for k in range(1, count):
+        found[k] = memory * found[k - 1] + np.sqrt(1.0 - memory**2) * steps[k]
+    return found + white * random.normal(size=count)
+
+
+@pytest.mark.parametrize(('memory', 'white'), [(0.5, 0.0), (0.9, 0.0), (0.9, 1.0)])
+def test_a_process_is_told_from_stretches_without_their_moving_mean(memory, white):
+    random, rows = np.random.default_rng(1), 100
+    whole = [smoothed(random, 400, memory, white) for _ in range(20)]
+    found = process_of([(one - uniform_filter1d(one, rows))[rows // 2 : -rows // 2] for one in whole], INTERVAL, rows)
+    assert found.std == pytest.approx(np.hypot(1.0, white), rel=0.1)
+    assert found.at_zero == pytest.approx((1.0 + memory) / (1.0 - memory) + white**2, rel=0.3)
+
+
+def test_white_noise_is_white():
+    random = np.random.default_rng(2)
+    found = [process_of([random.normal(size=150) for _ in range(10)], INTERVAL) for _ in range(100)]
+    assert sum(one is not None for one in found) <= 4
+    assert process_of([random.normal(size=50)], INTERVAL) is None and process_of([np.zeros(500)], INTERVAL) is None
+
+
+@pytest.mark.parametrize('every', [1, 4])
+def test_its_spectrum_is_that_of_its_samples_and_of_every_few_of_them(every):
+    random, process = np.random.default_rng(3), NoiseProcess(np.array([0.8]), 1.0 - 0.64, INTERVAL)
+    powers = [dct(smoothed(random, 800 * every)[::every], norm='ortho') ** 2 for _ in range(200)]
+    expected, shown = process.spectrum(800, every * INTERVAL), np.mean(powers, axis=0)
+    low = slice(5, 100)
+    assert shown[low].mean() == pytest.approx(expected[low].mean(), rel=0.05)
+    assert expected.min() == 1.0  # no less than the noise that was stated
+
+
+def test_what_vibrates_is_no_noise_of_a_filter():
+    random, time = np.random.default_rng(4), INTERVAL * np.arange(2000)
+    found = process_of([np.sin(2.0 * np.pi * 2.0 * time) + random.normal(size=2000)], INTERVAL)
+    assert not found.is_low_pass and process_of([smoothed(random, 2000)], INTERVAL).is_low_pass
+
+
+def filtered(seeds, truth, white=0.0):
+    """Recordings of a robot whose sensors have smoothed their noise; half as much again is white."""
+    runs = []
+    for seed in seeds:
+        run, random = recording(truth, command(seed, 200.0), noise=0.0, seed=seed), np.random.default_rng(seed)
+        noisy = {
+            name: values + NOISE[name] * smoothed(random, len(values), 0.8, white) for name, values in run.channels.items()
+        }
+        runs.append(replace(run, channels=noisy))
+    return Dataset(tuple(runs), dict(NOISE))
+
+
+def test_noise_at_rest_explains_what_no_list_has():
+    truth = config('hybrid')
+    problem = problem_for(filtered((1, 2, 3), truth), truth, FitOptions(), 1)
+    left = [weighted_residuals(truth, run) for run in problem.runs]
+    processes = noise_at_rest(problem, left)
+    assert processes.keys() == set(NOISE)
+    assert np.mean([one.std for one in processes.values()]) == pytest.approx(1.0, rel=0.1)
+    known = unlisted_evidence(left, of_noise=spectra_of_noise(with_noise_of(problem, processes), left))
+    assert unlisted_evidence(left) > 500.0 and known < 5.0
+
+
+def test_a_robot_that_lacks_nothing_lacks_nothing_beside_filtered_sensors():
+    """Stated noise is right; that it is correlated was an unlisted effect, with certainty."""
+    request = DiagnosisRequest(
+        kinetics='hybrid', options=FitOptions(free=('beam.E', 'wire.E_A'), kinetics='hybrid', starts=1)
+    )
+    found = diagnose(filtered((4, 5, 6), config('hybrid')), config('hybrid'), request=request)
+    assert found.verdict == 'none' and found.posterior.unlisted < 0.1
+
+
+@pytest.mark.slow
+def test_an_effect_is_found_beside_filtered_sensors():
+    truth = with_effect(config('hybrid'), find_effects()['gravity'], {'g_y': 2.0})
+    request = DiagnosisRequest(kinetics='hybrid')
+    found = diagnose(filtered((7, 8, 9), truth, 0.5), config('hybrid'), request=request)
+    assert found.effects == ('gravity',) and found.posterior.effects['gravity'] > 0.9
