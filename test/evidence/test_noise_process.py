@@ -85,12 +85,13 @@ def test_noise_at_rest_explains_what_no_list_has():
 
 
 def test_a_robot_that_lacks_nothing_lacks_nothing_beside_filtered_sensors():
-    """Stated noise is right; that it is correlated was an unlisted effect, with certainty."""
+    """The noise is said to be more than what was stated; that it is correlated was an unlisted effect, with certainty."""
     request = DiagnosisRequest(
         kinetics='hybrid', options=FitOptions(free=('beam.E', 'wire.E_A'), kinetics='hybrid', starts=1)
     )
-    found = diagnose(filtered((4, 5, 6), config('hybrid')), config('hybrid'), request=request)
+    found = diagnose(filtered((4, 5, 6), config('hybrid'), 1.0), config('hybrid'), request=request)
     assert found.verdict == 'none' and found.posterior.unlisted < 0.1
+    assert {fault.kind for fault in found.set_up} == {'noise'}
 
 
 @pytest.mark.slow

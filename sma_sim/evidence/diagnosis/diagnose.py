@@ -325,8 +325,10 @@ def search_effects(
         start, faults = start.on(training), (*faults, *later)
         nominal = nominal_fits(start, options, context)
     data = StageData(start.dataset, held_out, options)
-    nominal = with_noise_at_rest(nominal, data, context)
-    subsets, uncertain = [on_run_subset(fit) for fit in nominal], is_uncertain(faults)
+    uncertain = is_uncertain(faults)
+    if not (uncertain or context.stop.is_set()):
+        nominal = with_noise_at_rest(nominal, data, context)
+    subsets = [on_run_subset(fit) for fit in nominal]
     book = search(subsets, context, most=0, equations=False) if uncertain else search(subsets, context, request.equation)
     posterior = posterior_of(book)
     noise = () if uncertain or context.stop.is_set() else noise_after(posterior.best.fit, data, faults, context)

@@ -611,8 +611,7 @@ def wrong_noise(problem: Problem, residuals: Sequence[Rows], dataset: Dataset, i
 
     Too small: the samples themselves scatter as much, not only what a model leaves of them; or they do at rest, where noise
     that a filter has smoothed shows (`noise_at_rest`). Too large: a fit (`is_fitted`) leaves as little; a noise that is slow
-    may hide from differences. Not where a resolution or repeated experiments say what
-    noise is, nor where none is visible.
+    may hide from differences. Not where a resolution or repeated experiments say what noise is, nor where none is visible.
     """
     if dataset.floor or problem.config.structure.structure.is_quasi_static:
         return []
