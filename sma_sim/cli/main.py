@@ -136,12 +136,14 @@ def report_fault(name: str) -> int:
 
 
 def parser_for(words: list[str]) -> argparse.ArgumentParser:
-    """The parser, with the verb that is asked for alone if it is one: others need not be imported."""
+    """The parser, with the verb that is asked for alone, if it is one, or none for the version: others are not imported."""
     parser = CommandParser(
         prog='sma-sim', description='Simulate soft robots driven by shape-memory-alloy wires.', epilog=KINETICS_HELP
     )
     parser.add_argument('--version', action='version', version=f'sma-sim {sys.modules[PACKAGE].__version__}')
     verbs = parser.add_subparsers(dest='verb', required=True)
+    if words == ['--version']:
+        return parser
     for verb in [words[0]] if words and words[0] in VERBS else VERBS:
         import_module(f'sma_sim.cli.{verb}').add_parser(verbs)
     return parser

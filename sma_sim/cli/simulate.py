@@ -14,7 +14,6 @@ from sma_sim.cli.common.input_files import read_input_file
 from sma_sim.cli.common.options import add_config_options, add_namespace_option, announce_first_compilation
 from sma_sim.cli.common.recorded_parameters import config_for_replay
 from sma_sim.evidence.data.rosbag.bag_files import is_bag
-from sma_sim.evidence.data.rosbag.run_writer import write_mcap
 from sma_sim.evidence.data.tables import check_writable, write_columns, write_rows
 from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
@@ -81,6 +80,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.resistance:
         columns |= trajectory.resistances
     if arguments.out.suffix == '.mcap':
+        from sma_sim.evidence.data.rosbag.run_writer import write_mcap  # only here: it takes long to import
+
         write_mcap(arguments.out, columns, config.structure.structure)
     else:
         write_columns(arguments.out, columns)

@@ -9,6 +9,7 @@ import pkgutil
 import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
@@ -34,13 +35,19 @@ class Plugin:
     file: Path | None = None
 
 
+@cache
+def installed_entry_points() -> Any:
+    """Those of all installed packages, each of which is opened for them: once. Their class is another in Python 3.10."""
+    return entry_points()
+
+
 def package_plugins(package: ModuleType, attribute: str, group: str) -> Iterator[Plugin]:
     """What the modules of a package declare as `attribute`, and installed packages as entry points of a `group`."""
     for module in pkgutil.iter_modules(package.__path__):
         member = importlib.import_module(f'{package.__name__}.{module.name}')
         if hasattr(member, attribute):
             yield Plugin(getattr(member, attribute), (), OWN)
-    for point in entry_points(group=group):
+    for point in installed_entry_points().select(group=group):
         value = point.load()
         home = sys.modules[point.module]
         files = tuple(Path(home.__file__).parent.rglob('*.py')) if home.__file__ else ()

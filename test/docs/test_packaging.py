@@ -1,16 +1,19 @@
 """What is installed beside the Python code, and that ROS is told of every package that is used."""
 
 import ast
+import importlib.util
 import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
+from importlib import metadata
 from pathlib import Path
 
 import pytest
 import yaml
 
 import sma_sim
+from sma_sim.model import effects, plugins
 
 tomllib = pytest.importorskip('tomllib', reason='Python 3.11 reads TOML')
 
@@ -45,11 +48,32 @@ def test_public_names_have_the_types_that_checkers_see():
         _ = sma_sim.simulat
 
 
+def loaded_by(statement):
+    """The modules that a statement loads in a Python of its own."""
+    words = [sys.executable, '-c', f'import sys; {statement}; print(*sys.modules)']
+    return subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True).stdout.splitlines()[-1].split()
+
+
 def test_a_verb_loads_nothing_of_others():
-    words = ['-c', 'import sys; from sma_sim.cli.main import main; main(["effects"]); print(*sys.modules)']
-    done = subprocess.run([sys.executable, *words], cwd=ROOT, capture_output=True, text=True, check=True)
-    loaded = done.stdout.splitlines()[-1].split()
+    loaded = loaded_by('from sma_sim.cli.main import main; main(["effects"])')
     assert 'sma_sim.cli.effects' in loaded and 'sma_sim.evidence' not in loaded and 'numba' not in loaded
+
+
+def test_what_only_estimates_or_writes_bags_is_not_loaded_before_a_run():
+    """Each would take a quarter of a short run."""
+    assert not {'scipy.special', 'scipy.linalg', 'rosbags', 'mcap'} & set(loaded_by('import sma_sim.cli.simulate'))
+    if importlib.util.find_spec('rclpy'):
+        assert not {'scipy.special', 'scipy.linalg'} & set(loaded_by('import sma_sim.ros.node'))
+
+
+def test_installed_packages_are_searched_once(monkeypatch):
+    """Effects and structures of others; to open hundreds of packages takes a tenth of a short run."""
+    searched = []
+    monkeypatch.setattr(plugins, 'entry_points', lambda: searched.append(1) or metadata.entry_points())
+    plugins.installed_entry_points.cache_clear()
+    for group in ('sma_sim.effects', 'sma_sim.structures'):
+        assert list(plugins.package_plugins(effects, 'NOTHING', group)) == []
+    assert searched == [1]
 
 
 def test_every_pattern_finds_something():

@@ -196,6 +196,18 @@ def test_records_of_any_size_go_to_compiled_functions(tmp_path, monkeypatch):
     assert numbers.tolist() == [3.0, 4.0, 0.0, 8.0]
 
 
+def test_kept_code_is_linked_with_what_is_compiled_later(tmp_path, monkeypatch):
+    """Its bitcode is read for that alone."""
+    monkeypatch.setattr(numba.config, 'DISABLE_JIT', 0)
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
+    for hits in (0, 1):
+        kept = Compiler('own', (helpers.__name__,)).function(doubled)
+        assert kept(2.0) == 4.0 and sum(kept.stats.cache_hits.values()) == hits
+    (library,) = (one.library for one in kept.overloads.values())
+    assert library._shared_module is None
+    assert numba.njit(lambda x: kept(x) + 1.0)(3.0) == 7.0 and library._shared_module is not None
+
+
 def test_compiled_code_calls_by_address_and_reads_kept_records(tmp_path, monkeypatch):
     """As plain Python does it, which keeps objects in place of copies."""
     monkeypatch.setattr(numba.config, 'DISABLE_JIT', 0)

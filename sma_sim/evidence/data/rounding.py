@@ -20,7 +20,6 @@ from math import exp, pi, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.errors import UserError
@@ -154,6 +153,8 @@ def noise_before(windows: Matrix) -> float:
 def log_likelihood(where: NDArray[np.int32], offsets: Vector, size: float) -> float:
     """Of all windows, under noise of a `size` in steps: `where` (windows, levels, tilts, rows) each reading lies beside the
     line, by its index among `offsets` (k,) in steps."""
+    from scipy.special import ndtr  # only here: it takes long to import
+
     hit = ndtr((offsets + 0.5) / size) - ndtr((offsets - 0.5) / size)
     table = np.log((1.0 - SURPRISES) * hit + SURPRISES / READINGS)
     each = table[np.minimum(where, len(table) - 1)].sum(axis=-1).reshape(len(where), -1)
