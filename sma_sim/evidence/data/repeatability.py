@@ -57,7 +57,7 @@ def with_bench(dataset: Dataset, mapping: ColumnMap) -> Dataset:
             f'the map {mapping.path}: a floor needs {INDEPENDENT_AFTER}, the time in seconds for which what '
             'repeated experiments differ by lasts'
         )
-    relative = {channels[name]: entry.relative_std for name, entry in mapping.origins.items() if entry.relative_std}
+    relative = relative_noise(mapping)
     drifts = {channels[name]: entry.drift_std for name, entry in stated.items() if entry.drift_std}
     dataset, recordings = replace(dataset, nuisances=mapping.nuisances), dataset.recordings
     if zeros or drifts or ambient_std:
@@ -77,6 +77,12 @@ def with_bench(dataset: Dataset, mapping: ColumnMap) -> Dataset:
     notes.append(f'repeats differ by {words}, which counts as noise: one sample in {mapping.independent_after:g} s is kept')
     kept = tuple(thinned(recording, mapping.independent_after) for recording in recordings)
     return replace(dataset, recordings=kept, noise_std=noise, notes=tuple(notes), floor=floor)
+
+
+def relative_noise(mapping: ColumnMap) -> dict[str, float]:
+    """By channel of which a map says that its noise is relative to its size, by which part."""
+    channels = {column: name for name, column in CHANNEL_COLUMNS.items()}
+    return {channels[name]: entry.relative_std for name, entry in mapping.origins.items() if entry.relative_std}
 
 
 def with_sample_noise(

@@ -198,16 +198,19 @@ class Fault:
         if not self.is_of_channels:
             return replace(recording, source=self.in_input(recording.source))
         channels, rounding = dict(recording.channels), self.in_rounding(recording.rounding)
+        stds = dict(recording.sample_std)
         if self.kind == 'swap':
             first, second = self.quantities
-            channels = {{first: second, second: first}.get(name, name): values for name, values in channels.items()}
+            other = {first: second, second: first}
+            channels, stds = ({other.get(name, name): of for name, of in by_name.items()} for by_name in (channels, stds))
         elif self.kind == 'outliers':
             for name in self.quantities:
                 channels[name] = channels[name].copy()
                 channels[name][list(self.rows.get(recording.name, ()))] = np.nan
         else:
             channels |= {name: self.multiplier * channels[name] for name in self.quantities if name in channels}
-        return replace(recording, channels=channels, rounding=rounding)
+            stds |= {name: abs(self.multiplier) * stds[name] for name in self.quantities if name in stds}
+        return replace(recording, channels=channels, rounding=rounding, sample_std=stds)
 
     def in_rounding(self, rounding: Mapping[str, Rounding]) -> dict[str, Rounding]:
         """How channels without it are rounded."""
@@ -329,12 +332,18 @@ def corrected(dataset: Dataset, faults: Sequence[Fault]) -> Dataset:
             continue
         if fault.kind == 'noise':
             factors = dict.fromkeys(fault.quantities, fault.factor)
+            dataset = replace(dataset, recordings=tuple(with_noise_times(factors, one) for one in dataset.recordings))
         else:
             dataset = replace(dataset, recordings=fault.in_recordings(dataset.recordings))
             factors = noise_factors(dataset, fault)
         noise = {name: factors.get(name, 1.0) * std for name, std in dataset.noise_std.items()}
         dataset = replace(dataset, noise_std=noise)
     return dataset
+
+
+def with_noise_times(factors: Mapping[str, float], recording: Recording) -> Recording:
+    """A recording whose samples have so many times their own noise, by channel, where they have one."""
+    return replace(recording, sample_std={name: factors.get(name, 1.0) * std for name, std in recording.sample_std.items()})
 
 
 def without_faults(training: Dataset, held_out: Dataset | None, faults: Sequence[Fault]) -> tuple[Dataset, Dataset | None]:
