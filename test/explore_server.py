@@ -81,11 +81,12 @@ def opened(browser, server):
 
 
 def until(browser, script, *arguments, seconds=60.0):
-    """Wait for a script to say true."""
-    end = time.monotonic() + seconds
+    """Wait for a script to say true: to ask takes time of the browser and of what it waits for, so less and less often."""
+    end, pause = time.monotonic() + seconds, 0.02
     while not browser.execute_script(script, *arguments):
         assert time.monotonic() < end, f'{script}: {browser.execute_script("return document.body.innerText")}'
-        time.sleep(0.02)
+        time.sleep(pause)
+        pause = min(1.2 * pause, 0.2)
 
 
 def slide(browser, name, step, let_go=True):

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from simulated_data import NOISE, command, config, dataset, recording, scaled
 
-from sma_sim import Dataset, find_effects
+from sma_sim import Dataset, find_effects, load
 from sma_sim.challenge.files import recording_columns
 from sma_sim.evidence.data.recordings import read_dataset
 from sma_sim.evidence.data.tables import write_columns
@@ -76,6 +76,19 @@ def test_values_that_are_told_are_those_of_the_last_fit(with_gravity):
     assert value == interval.value
     expected = f'gravity.g_y = {value:.4g} m/s^2 ({interval.low:.4g} to {interval.high:.4g})'
     assert any(line.startswith(expected) for line in as_text(found))
+
+
+def test_a_diagnosis_prints_in_a_line_shows_a_table_and_says_the_same_when_saved(with_gravity, tmp_path):
+    _, found = with_gravity
+    assert len(repr(found)) < 1500 and '\n' not in repr(found)
+    assert found._repr_html_().startswith('<table>') and len(found._repr_html_()) < 3000
+    assert re.search(r'nominal +[\d.]+ +[\d.na]+\n', found.summary()) and 'something unlisted' in found.summary()
+    assert '1.000' not in found.summary()  # nothing is certain
+    saved = load(found.save(tmp_path / 'why.npz'))
+    assert repr(saved) == repr(found) and saved.calibration == found.calibration
+    assert [stage.train for stage in saved.stages] == [stage.train for stage in found.stages]
+    for one, other in zip(saved.stages, found.stages, strict=True):
+        assert one.calibration.config == other.calibration.config
 
 
 def test_the_last_fit_keeps_the_bounds_within_which_a_model_was_accepted(with_gravity):

@@ -120,7 +120,7 @@ def set_parameters(one, **values):
 
 def test_limits_and_pace_can_be_set_while_the_node_runs():
     topics = ((JointState, 'joint_states'), (Float64, 'J_eq_applied'), (DiagnosticArray, '/diagnostics'))
-    with ros_client.Simulation(topics=topics) as one:
+    with ros_client.Simulation('-p', 'node.publish_rate:=10.0', topics=topics) as one:  # else messages set the fastest pace
         applied = one.seen['J_eq_applied']
         command = one.publisher(Float64, 'J_eq')
         one.until(lambda: one.seen['joint_states'], ros_client.FIRST_MESSAGE)
