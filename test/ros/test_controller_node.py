@@ -84,7 +84,8 @@ def path(*points, joint='alpha'):
     return made
 
 
-@pytest.mark.parametrize('law', ['predictive', 'feedforward'])
+# The node does the same under both laws, and test_control.py follows trajectories under the other one.
+@pytest.mark.parametrize('law', ['predictive', pytest.param('feedforward', marks=pytest.mark.slow)])
 def test_follows_a_trajectory_and_ends_with_zero(law):
     with Loop('-p', f'control.law:={law}') as loop:
         loop.until(lambda: len(loop.seen['joint_states']) > 10, ros_client.FIRST_MESSAGE)
