@@ -8,6 +8,7 @@ import pytest
 from simulated_data import NOISE, command, config, recording
 
 from sma_sim import Dataset, Recording, module_input, read_dataset
+from sma_sim.evidence.data.readings import with_noise_of_readings
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.data.varying_noise import differences, integrals, varying_noise
 from sma_sim.evidence.estimation.residuals import fit_data
@@ -128,3 +129,28 @@ def test_the_noise_of_samples_goes_along_with_what_is_corrected():
     assert after(Fault('sign', ('F_1',)))['F_1'] == pytest.approx(0.1)
     assert {*after(Fault('swap', ('F_1', 'F_2')))} == {'F_2'}
     assert after(Fault('noise', ('F_1',), 3.0))['F_1'] == pytest.approx(0.3)
+
+
+def test_recordings_that_come_from_no_file_are_understood_alike():
+    runs = tuple(in_motion(seed, growth=0.03) for seed in range(3))
+    stated = Dataset(runs, {'F_1': STD})
+    found = with_noise_of_readings(stated)
+    assert {*found.recordings[0].sample_std} == {'F_1'} and found.noise_std['F_1'] > STD
+    assert found.notes[-1].startswith('noise of F_1: beside that, 3')
+    assert with_noise_of_readings(found) is found
+    covered = Dataset(runs, {'F_1': 10.0})  # a noise that is stated so large has room for all of it
+    assert with_noise_of_readings(covered) is covered
+    same = Dataset(tuple(in_motion(seed) for seed in range(3)), {'F_1': STD})
+    assert with_noise_of_readings(same) is same
+    step = 4.0 * STD
+    coarse = [replace(one, channels={'F_1': step * np.rint(one.channels['F_1'] / step)}) for one in same.recordings]
+    rounded = with_noise_of_readings(Dataset(tuple(coarse), {'F_1': STD}))
+    assert rounded.recordings[1].rounding['F_1'].std == pytest.approx(STD, rel=0.1)
+    assert rounded.resolution == pytest.approx({'F_1': step}) and not rounded.recordings[0].sample_std
+    assert rounded.noise_std['F_1'] == pytest.approx(rounded.recordings[0].rounding['F_1'].noise_std)
+    assert with_noise_of_readings(rounded) is rounded
+    step = 8.0 * STD
+    coarse = [replace(one, channels={'F_1': step * np.rint(one.channels['F_1'] / step)}) for one in same.recordings]
+    thinned = with_noise_of_readings(Dataset(tuple(coarse), {'F_1': STD}))
+    assert np.isfinite(thinned.recordings[0].channels['F_1']).sum() < 0.3 * len(same.recordings[0].time)
+    assert thinned.noise_std['F_1'] > STD and {*thinned.resolution} == {'F_1'}

@@ -133,7 +133,7 @@ class Recording(Shown, Saved, Comparable):
     sample_std : mapping
         By channel whose noise differs from sample to sample, its standard deviations (k,) (SI); NaN: that of the dataset.
     rounding : mapping
-        By channel whose rounding noise does not hide, how its readings were rounded; `read_dataset` finds it.
+        By channel whose rounding noise does not hide, how its readings were rounded; `read_dataset` and `diagnose` find it.
 
     Warns
     -----

@@ -17,14 +17,13 @@ from sma_sim.evidence.data.column_map import ColumnMap, read_column_map
 from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.data.noise import Noise, noise_by_channel
 from sma_sim.evidence.data.quasi_static import ACCURACY, noise_over_temperature, slopes_over_temperature, temperature_noise
+from sma_sim.evidence.data.readings import varying_by_channel, with_rounding, with_varying_noise
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, CHANNELS_OF, Dataset, Recording, has_same_samples, in_order
 from sma_sim.evidence.data.repeatability import levels_of_noise, relative_noise, with_bench
 from sma_sim.evidence.data.repeated_values import without_constant_channels, without_repeated_values
 from sma_sim.evidence.data.rosbag.bag_files import is_bag
 from sma_sim.evidence.data.rosbag.commands import NODE_LIMITS, CommandLimits
-from sma_sim.evidence.data.rounding import rounding_of
 from sma_sim.evidence.data.sources import COLUMNS_BY_SYSTEM, checked_noise, read_noise_file, read_source, recordings_in
-from sma_sim.evidence.data.varying_noise import VaryingNoise, varying_noise
 from sma_sim.model.argument_checks import checked
 from sma_sim.model.arrays import Vector
 from sma_sim.model.effects.ports import CHANNELS
@@ -112,7 +111,7 @@ def read_dataset(
     recordings = tuple(map(partial(without_sample_noise, channels=given), recordings))
     recordings = with_rounding(recordings)
     estimates = noise_by_channel(recordings)
-    varying = varying_by_channel(recordings, estimates, relative_noise(columns.of_bench()))
+    varying = varying_by_channel(recordings, estimates, stated, relative_noise(columns.of_bench()))
     estimates |= {name: replace(estimates[name], std=one.std) for name, one in varying.items()}
     noise = dataset_noise(recordings, stated, estimates, notes)
     recordings = with_varying_noise(recordings, noise, varying, notes)
@@ -258,51 +257,6 @@ def noise_from_folders(files: Sequence[Path], channels: Sequence[str], notes: li
 def without_sample_noise(recording: Recording, channels: Collection[str]) -> Recording:
     """A recording without the noise of its samples in channels of which the caller says another."""
     return replace(recording, sample_std={name: stds for name, stds in recording.sample_std.items() if name not in channels})
-
-
-def with_rounding(recordings: tuple[Recording, ...]) -> tuple[Recording, ...]:
-    """The recordings with how their channels were rounded; not of quasi-static tests, whose curves are read from rows."""
-    moving = [one for one in recordings if not known_structures()[one.system].is_quasi_static]
-    runs: dict[str, list[Vector]] = {}
-    for name, values in (channel for one in moving for channel in one.channels.items() if channel[0] not in one.sample_std):
-        runs.setdefault(name, []).append(values)
-    found = {name: one for name, shown in runs.items() for one in (rounding_of(shown),) if one is not None}
-    own = {one.name: {name: known for name, known in found.items() if name in one.channels} for one in moving}
-    return tuple(replace(one, rounding=own[one.name]) if own.get(one.name) else one for one in recordings)
-
-
-def varying_by_channel(
-    recordings: Sequence[Recording], estimates: Mapping[str, Noise], stated: Collection[str]
-) -> dict[str, VaryingNoise]:
-    """By channel, how its noise grows with the reading or with its speed; not where that is `stated`, by row or as a part of
-    the size, nor where readings are rounded or repeated, whose errors differ from row to row by themselves."""
-    moving = [one for one in recordings if not known_structures()[one.system].is_quasi_static]
-    found = dict[str, VaryingNoise]()
-    for name, noise in estimates.items():
-        own = [one for one in moving if name in one.channels]
-        known = name in stated or any(name in (*one.sample_std, *one.rounding) for one in own)
-        varying = None if known or noise.held or noise.quantised or not own else varying_noise(own, name)
-        if varying is not None:
-            found[name] = varying
-    return found
-
-
-def with_varying_noise(
-    recordings: Sequence[Recording], noise_std: Mapping[str, float], varying: Mapping[str, VaryingNoise], notes: list[str]
-) -> tuple[Recording, ...]:
-    """The recordings with the noise of each sample where it is `varying`, beside that at rest (`noise_std`)."""
-    found = list[Recording]()
-    for one in recordings:
-        added = {name: noise.added(one.time, one.channels[name]) for name, noise in varying.items() if name in one.channels}
-        stds = {name: np.hypot(noise_std[name], more) for name, more in added.items()}
-        found.append(replace(one, sample_std={**one.sample_std, **stds}) if stds else one)
-    for name, noise in varying.items():
-        grows = f'{100.0 * noise.growth:.2g} % of the reading' if noise.growth > 0.0 else ''
-        jitters = (
-            f'its speed times {1e3 * noise.jitter:.2g} ms, as a clock that jitters makes it' if noise.jitter > 0.0 else ''
-        )
-        notes.append(f'noise of {name}: beside that, {" and ".join(filter(None, (grows, jitters)))}')
-    return tuple(found)
 
 
 def dataset_noise(

@@ -93,3 +93,10 @@ def hold_out_last(dataset: Dataset, held_out: Dataset | None) -> tuple[Dataset, 
 def pooled(training: Dataset, held_out: Dataset | None) -> Dataset:
     """All recordings together."""
     return replace(training, recordings=(*training.recordings, *(held_out.recordings if held_out else ())))
+
+
+def apart(everything: Dataset, count: int) -> tuple[Dataset, Dataset | None]:
+    """The first `count` of the recordings that were pooled, and those that were held out."""
+    held_out = everything.recordings[count:]
+    training = replace(everything, recordings=everything.recordings[:count])
+    return training, replace(everything, recordings=held_out) if held_out else None

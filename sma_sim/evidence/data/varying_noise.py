@@ -55,21 +55,22 @@ class VaryingNoise:
         return found
 
 
-def varying_noise(recordings: Sequence[Recording], channel: str) -> VaryingNoise | None:
-    """The noise of a channel that the recordings have; None where it is the same everywhere, or they are too short."""
+def varying_noise(recordings: Sequence[Recording], channel: str, stated: float = 0.0) -> VaryingNoise | None:
+    """The noise of a channel that the recordings have; None where it is the same everywhere, or nowhere more than a `stated`
+    standard deviation, or where they are too short."""
     each = [differences(one, np.asarray(one.channels[channel], dtype=float)) for one in recordings]
     squares, parts = np.concatenate([one for one, _ in each]), np.concatenate([one for _, one in each])
     if len(squares) < MIN_NOISE_SAMPLES:
         return None
     scale = np.maximum(parts.max(axis=0), np.finfo(float).tiny)
     parts = parts / scale
-    penalty = 0.5 * log(COUNTED * len(squares))
+    penalty, least = 0.5 * log(COUNTED * len(squares)), max(stated**2, LEAST * float(np.mean(squares)))
     best, chosen = -np.inf, np.zeros(4)
     for more in (tuple(one) for count in range(3) for one in combinations((2, 3), count)):
         columns = [0, 1, *more]
         found = np.zeros(4)
-        found[columns] = scored(squares, parts[:, columns])
-        score = COUNTED * log_likelihood(squares, parts @ found) - penalty * len(more)
+        found[columns] = scored(squares, parts[:, columns], least)
+        score = COUNTED * log_likelihood(squares, np.maximum(parts @ found, least)) - penalty * len(more)
         if score > best:
             best, chosen = score, found
     std, _, growth, jitter = np.sqrt(chosen / scale).tolist()
@@ -150,14 +151,15 @@ def smoothed(time: Vector, values: Vector) -> tuple[Vector, Vector]:
     return level, speed
 
 
-def scored(squares: Vector, parts: Matrix) -> Vector:
-    """By part (p,) of the variance, how much of it there is: the most likely, for squares (m,) of normal values."""
+def scored(squares: Vector, parts: Matrix, least: float) -> Vector:
+    """By part (p,) of the variance, how much of it there is: the most likely, for squares (m,) of normal values, none of
+    which varies less than the `least`."""
     variance, found = np.full(len(squares), float(np.mean(squares))), np.zeros(parts.shape[1])
     for _ in range(ROUNDS):
         usual = (squares <= MAX_DEVIATION**2 * variance) / variance
         rows, before = parts * usual[:, None], found
         found = none_negative(rows.T @ rows, rows.T @ (squares * usual))
-        variance = np.maximum(parts @ found, LEAST * float(np.mean(squares)))
+        variance = np.maximum(parts @ found, least)
         if np.allclose(found, before, rtol=1e-4, atol=0.0):
             break
     return found
@@ -177,7 +179,6 @@ def none_negative(matrix: Matrix, right: Vector) -> Vector:
 
 def log_likelihood(squares: Vector, variance: Vector) -> float:
     """Of squares (m,) of normal values with these variances (m,), but for few that are surprises."""
-    variance = np.maximum(variance, LEAST * float(np.mean(squares)))
     ratio = squares / variance
     usual = log(1.0 - SURPRISES) - 0.5 * ratio
     surprise = log(SURPRISES / sqrt(SURPRISING)) - 0.5 * ratio / SURPRISING

@@ -12,8 +12,9 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 
+from sma_sim.evidence.data.readings import with_noise_of_readings
 from sma_sim.evidence.data.recording import Dataset
-from sma_sim.evidence.data.train_test_split import hold_out_last, pooled
+from sma_sim.evidence.data.train_test_split import apart, hold_out_last, pooled
 from sma_sim.evidence.diagnosis.conclusion import (
     HeldOutVerdict,
     ModelStage,
@@ -259,6 +260,10 @@ def diagnose(
     t_start, request = time.perf_counter(), request or DiagnosisRequest()
     training, held_out = hold_out_last(dataset, held_out)
     check_systems(pooled(training, held_out), config)
+    as_given = pooled(training, held_out)
+    shown = with_noise_of_readings(as_given)
+    if shown is not as_given:
+        training, held_out = apart(shown, len(training.recordings))
     start = prepare(training, config, request.kinetics)
     words = progress_in_words('diagnosing', on_progress)
     with stoppable() as stop, executor_or_threads(executor) as pool, words as report:

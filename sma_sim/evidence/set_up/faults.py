@@ -17,7 +17,7 @@ import numpy as np
 from sma_sim.evidence.data.noise import noise_by_channel
 from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording
 from sma_sim.evidence.data.rounding import Rounding
-from sma_sim.evidence.data.train_test_split import pooled
+from sma_sim.evidence.data.train_test_split import apart, pooled
 from sma_sim.evidence.estimation.residuals import FitData
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.model.shown import joined_words
@@ -350,9 +350,7 @@ def without_faults(training: Dataset, held_out: Dataset | None, faults: Sequence
     """Training and held-out recordings without what is wrong with them, as far as it was corrected."""
     if not faults:
         return training, held_out
-    right, count = corrected(pooled(training, held_out), faults), len(training.recordings)
-    others = replace(right, recordings=right.recordings[count:]) if held_out else None
-    return replace(right, recordings=right.recordings[:count]), others
+    return apart(corrected(pooled(training, held_out), faults), len(training.recordings))
 
 
 def is_uncertain(faults: Sequence[Fault]) -> bool:
