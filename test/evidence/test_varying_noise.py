@@ -138,6 +138,8 @@ def test_recordings_that_come_from_no_file_are_understood_alike():
     assert {*found.recordings[0].sample_std} == {'F_1'} and found.noise_std['F_1'] > STD
     assert found.notes[-1].startswith('noise of F_1: beside that, 3')
     assert with_noise_of_readings(found) is found
+    gaps = [replace(one, channels={'F_1': np.where(one.time % 7.0 < 1.0, np.nan, one.channels['F_1'])}) for one in runs]
+    assert with_noise_of_readings(Dataset(tuple(gaps), {'F_1': STD})).noise_std['F_1'] > STD
     covered = Dataset(runs, {'F_1': 10.0})  # a noise that is stated so large has room for all of it
     assert with_noise_of_readings(covered) is covered
     same = Dataset(tuple(in_motion(seed) for seed in range(3)), {'F_1': STD})

@@ -105,7 +105,7 @@ def levels_of_noise(recordings: Sequence[Recording], floor: Mapping[str, float])
     for recording in recordings:
         for name, stds in recording.sample_std.items():
             found.setdefault(name, []).append(stds)
-    squares = {name: float(np.mean(np.concatenate(own) ** 2)) - floor.get(name, 0.0) ** 2 for name, own in found.items()}
+    squares = {name: float(np.nanmean(np.concatenate(own) ** 2)) - floor.get(name, 0.0) ** 2 for name, own in found.items()}
     return {name: sqrt(square) for name, square in squares.items()}
 
 
