@@ -12,6 +12,7 @@ import pytest
 from simulated_data import command, config
 
 from sma_sim import Effect, Parameter, find_effects, simulate
+from sma_sim.challenge.draw import named_truth
 from sma_sim.challenge.make import RecordingPlan, challenge_with, make_challenge
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.diagnosis.diagnose import diagnose
@@ -250,6 +251,16 @@ def test_a_law_is_found_that_two_effects_imitate_where_the_parameters_lie_elsewh
     found = diagnose(case.dataset, case.nominal)
     assert found.verdict == 'unknown_effect' and found.posterior.unlisted > 0.99
     assert found.proposal.formula.name in ('proposed_stress_T_square', 'proposed_stress_T_abs')
+
+
+@pytest.mark.slow
+def test_a_law_is_found_beside_another_equation_that_leaves_nothing():
+    """Convection in proportion to x_M: resistance that depends on the state, with another heat capacity, leaves nothing, and
+    was named with 0.99. So does power in proportion to x_M, 31 nats behind; the law itself is seen from where that leads."""
+    case = challenge_with([named_truth('fraction_convection')], 224322, True, RecordingPlan(3, 60.0, 20.0))
+    found = diagnose(case.dataset, case.nominal)
+    assert found.verdict == 'unknown_effect' and found.posterior.unlisted > 0.99
+    assert found.proposal.formula.name == 'proposed_heat_x_dT'
 
 
 def test_the_choice_is_as_firm_as_the_data(ripple):

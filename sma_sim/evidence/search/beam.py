@@ -277,7 +277,8 @@ def add_equations(base: Model, book: Book, context: SearchContext) -> None:
     """Terms of an equation beside the components of a model; then others in place of the best of them, proposed where that
     has led, as long as they explain more; then a second one at its place where the best model lacks something; then listed
     effects in place of what was found: an equation may have led to where one of them lies. In place of listed effects that
-    leave nothing, those are fitted that promise a part of what these do."""
+    leave nothing, those are fitted that promise a part of what these do; one that leaves nothing but is less probable than
+    these may imitate another law, as they may, and leads to where that is proposed."""
     leads, lead = list[Model](), None
     replaced = [one for one in book.best.components if one.effect and one.name not in base.names]
     in_place = bool(replaced) and book.best.leaves_nothing
@@ -294,9 +295,7 @@ def add_equations(base: Model, book: Book, context: SearchContext) -> None:
             fit_again(base, found, book, context)
         leads += found
         before, lead = lead, best_of(leads, book)
-        if lead is None or lead.leaves_nothing or (before and lead.names == before.names):
-            break
-        if in_place and lead.score(book.overdispersion) < book.best.score(book.overdispersion) - WINDOW:
+        if lead is None or (lead.leaves_nothing and lead is book.best) or (before and lead.names == before.names):
             break
         base = stripped(lead, lead.components[-1:])
     if lead is not None and not lead.leaves_nothing and book.best.lacks_unlisted and not context.stop.is_set():
