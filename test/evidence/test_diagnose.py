@@ -187,6 +187,23 @@ def test_a_score_test_probes_a_weak_effect_at_its_own_strength():
     assert result.values['G'] == pytest.approx(3e-3, rel=0.1)
 
 
+def test_in_place_of_what_changes_much_first_order_is_that_where_the_fit_lies(with_gravity):
+    """Of a small effect it says what the model without it says. Unknowns that would have to absorb more of its response than
+    they can are held back."""
+    fit = with_gravity[1].selection_steps[0].accepted.fit
+    base, z = without_effect(fit, 'gravity')
+    candidates = [one for one in candidates_for(config()) if one.name in ('gravity', 'sensor_bias', 'beam_creep')]
+    with ThreadPoolExecutor(1) as pool:
+        tests = ScoreTests(fit.problem, fit.z, pool)
+        in_place = {one.candidate.name: one for one in tests.in_place(base, z, candidates)}
+        found, own = tests.in_tangent(base, candidates, worth=0.0)
+        held, most = tests.in_tangent(base, candidates, worth=np.inf)
+    assert own == pytest.approx(in_place['gravity'].gain, rel=0.2)
+    gains = {one.candidate.name: one.gain for one in found}
+    assert 'gravity' not in gains and gains['sensor_bias'] == pytest.approx(in_place['sensor_bias'].gain, rel=0.3)
+    assert most > own and all(one.gain <= most for one in held)
+
+
 def test_what_may_stand_in_place_of_an_effect_is_told_by_responses_beside_it(with_gravity, monkeypatch):
     """As score tests without the effect tell it, to first order; what the model lacks beside it asks for few more."""
     fit, counts = with_gravity[1].selection_steps[0].accepted.fit, Counter()

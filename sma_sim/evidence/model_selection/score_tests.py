@@ -32,6 +32,11 @@ from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.effects.scope import EVERY
 from sma_sim.solver.simulate import SimulationError
 
+HELD = (
+    1.0,
+    10.0,
+    100.0,
+)  # times the precision of priors, to which unknowns are held where first order asks too much of them
 WEAK = 0.5  # of a step, below which a strength is probed again: a response over it is no longer the slope
 
 
@@ -77,17 +82,13 @@ class ScoreTests:
         To first order, responses are those beside the whole fit, and its derivatives are those of the rest. What acts as the
         effect does, in other places too, cannot act beside it, and is probed without it. Raises SimulationError.
         """
-        kept = [k for k, free in enumerate(self._problem.free) if free in rest.free]
-        kept += range(len(self._problem.free), len(self._problem.unknowns))
         shown = residuals_at(near(rest, [run.correction for run in self.linear]), z, self._pool)
         linear = [
-            replace(run, indices=indices, residuals=here, jacobian=run.jacobian[kept[: len(indices)]])
-            for run, indices, here in zip(self.linear, rest.indices(), shown, strict=True)
-            if here is not None
+            replace(run, residuals=here) for run, here in zip(self._within(rest), shown, strict=True) if here is not None
         ]
         if len(linear) < len(shown):
             raise SimulationError('the model cannot be run without one of its effects')
-        law = {one.found.effect.plain_name for one in self._problem.config.effects if one not in rest.config.effects}
+        law = self._laws_beyond(rest)
 
         def responses(some: Sequence[Candidate]) -> Mapping[Probe, Vector]:
             alike = [one for one in some if one.found.effect.plain_name in law]
@@ -95,6 +96,55 @@ class ScoreTests:
             return {**self.responses(others), **probe_all(rest, z, alike, linear, self._pool)}
 
         return tuple(one for one in ranked(rest, linear, candidates, responses) if one.gain > 0.0)
+
+    def in_tangent(
+        self, rest: Problem, candidates: Sequence[Candidate], worth: float
+    ) -> tuple[tuple[ScreeningResult, ...], float]:
+        """In place of an effect that changes so much that without it no first order holds: all responses, its own too, are
+        those where the fit lies, its strengths times the derivatives in them. And its own gain. `rest`: the problem without.
+
+        `worth`: by how much squares are known to rise without the effect. Where it seems that other unknowns could absorb
+        more of its response, they would have to go further than first order holds, and are held back until they do not.
+        Left out is the effect in other places, which cannot be probed beside it. Raises SimulationError.
+        """
+        steps, law = self._to_neutral(rest), self._laws_beyond(rest)
+        own = [np.tensordot(list(steps.values()), run.jacobian[list(steps)], 1) for run in self.linear]
+        linear = [
+            replace(run, residuals=run.residuals + change) for run, change in zip(self._within(rest), own, strict=True)
+        ]
+        response, gain = -np.concatenate([change.ravel() for change in own]), 0.0
+        for held in HELD:
+            damped = replace(rest, tempering=rest.tempering * held)
+            project = Projection(linear, len(rest.unknowns), damped.tempering)
+            left = project.visible(response)
+            gain = 0.0 if left is None else float(left @ project.residuals) ** 2 / float(left @ left)
+            if gain >= worth:
+                break
+        others = [one for one in candidates if one.found.effect.plain_name not in law]
+        return tuple(one for one in ranked(damped, linear, others, self.responses) if one.gain > 0.0), gain
+
+    def _laws_beyond(self, rest: Problem) -> set[str]:
+        """Names, without their scopes, of the effects that a problem lacks."""
+        return {one.found.effect.plain_name for one in self._problem.config.effects if one not in rest.config.effects}
+
+    def _within(self, rest: Problem) -> list[LinearizedRun]:
+        """The fit linearised in the unknowns of the problem without one of its effects."""
+        kept = [k for k, free in enumerate(self._problem.free) if free in rest.free]
+        kept += range(len(self._problem.free), len(self._problem.unknowns))
+        return [
+            replace(run, indices=indices, jacobian=run.jacobian[kept[: len(indices)]])
+            for run, indices in zip(self.linear, rest.indices(), strict=True)
+        ]
+
+    def _to_neutral(self, rest: Problem) -> dict[int, float]:
+        """By index in z, from where to where the strengths of what a problem lacks would have to go to act no more."""
+        neutral = {
+            f'effects.{one.found.effect.name}.{p.name}': p.neutral
+            for one in self._problem.config.effects if one not in rest.config.effects
+            for p in one.found.effect.parameters if p.neutral is not None
+        }  # fmt: skip
+        free = enumerate(self._problem.free)
+        return {k: one.coordinate(neutral[one.name]) - float(self._z[k]) for k, one in free if one.name in neutral}
 
     def responses(self, candidates: Sequence[Candidate]) -> Mapping[Probe, Vector]:
         """The changes (N,) of all residuals by the probes of candidates beside the fit, each made once; without those that

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import zip_longest
 from math import inf
 
 import numpy as np
@@ -154,6 +155,7 @@ def search(nominal: Sequence[FitResult], context: SearchContext, equations: bool
         improve(size, book, context)
         if len(book.best.of_robot) == size > 1 and book.best.leaves_nothing and may_be_imitated(book.best, book):
             add_stepped(bare(book), book, context, book.reach())
+            improve_without(book.best, book, context)
         if equations and size == EQUATIONS_AFTER and may_be_unlisted(book):
             add_equations(bare(book), book, context)
         if context.stop.is_set() or (book.best is before and len(book.best.components) < size >= EQUATIONS_AFTER):
@@ -452,10 +454,24 @@ def best_with_weight(size: int, book: Book) -> Model | None:
 def improve_forms(size: int, book: Book, context: SearchContext) -> None:
     """The best model of a level with the law of one of its effects in another form."""
     best = best_with_weight(size, book)
-    if best is None or best.leaves_nothing or context.stop.is_set():
-        return
-    for law, form in propose.forms(best, book.catalogue, context)[:FORMS]:
-        add_extended(stripped(best, (law,)), [form], book, context)
+    if best is not None and not best.leaves_nothing:
+        add_forms(best, book, context)
+
+
+def improve_without(best: Model, book: Book, context: SearchContext) -> None:
+    """A model without one of its effects that explains little beside the others, with the law of one of these in another
+    form: that may be all which the former has mended."""
+    k = book.overdispersion
+    for component in best.of_robot:
+        rest = book.find(best.names - {component.name})
+        if rest is not None and rest.components and best.score(k) - rest.score(k) < IMITATED:
+            add_forms(rest, book, context)
+
+
+def add_forms(model: Model, book: Book, context: SearchContext) -> None:
+    """A model with the law of one of its effects in another form."""
+    for law, form in propose.forms(model, book.catalogue, context)[:FORMS] if not context.stop.is_set() else ():
+        add_extended(stripped(model, (law,)), [form], book, context)
 
 
 def exchange(best: Model, component: Component, book: Book, context: SearchContext) -> None:
@@ -465,19 +481,17 @@ def exchange(best: Model, component: Component, book: Book, context: SearchConte
         return
     context.on_progress(f'what may stand in place of {component.name}')
     base = stripped(best, (component,))
-    taken = {one.plain_name for one in base.components}
-    proposals = propose.listed(book.tests_of(best.fit, context), book.catalogue, taken, base.fit)
-    own = next((one.promise for one in proposals if one.component.name == component.name), 0.0)
-    if base.components or own < WINDOW / EXCHANGE_SHARE:
+    known = book.models.get((base.names, best.key[1]))
+    worth = 0.0 if known is None else EXCHANGE_SHARE * (known.fit.squares - best.fit.squares)
+    ways = propose.in_place(book.tests_of(best.fit, context), book.catalogue, component, base, worth)
+    if base.components or ways[0].own < WINDOW / EXCHANGE_SHARE:
         book.add([without(best, component, context)])
     k = book.overdispersion
     near = {model.names for model in book.models.values() if model.score(k) > best.score(k) - WINDOW}
-    chosen = [
-        one.component
-        for one in proposals
-        if one.promise >= EXCHANGE_SHARE * own and base.names | {one.component.name} not in near
-    ]
-    add_extended(base, chosen[:SKETCHED], book, context)
+    hopeful = [[one.component for one in way.others if one.promise >= EXCHANGE_SHARE * way.own] for way in ways]
+    in_turn = [one for some in zip_longest(*hopeful) for one in some if one and base.names | {one.name} not in near]
+    chosen = {one.name: one for one in reversed(in_turn)}  # of two the one that comes first
+    add_extended(base, [one for one in in_turn if one is chosen[one.name]][:SKETCHED], book, context)
 
 
 def exchange_difference(best: Model, component: Component, book: Book, context: SearchContext) -> None:

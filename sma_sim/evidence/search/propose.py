@@ -35,16 +35,49 @@ class Proposal:
     promise: float
 
 
-def listed(
-    tests: ScoreTests, catalogue: Catalogue, taken: Collection[str], without: FitResult | None = None
-) -> list[Proposal]:
-    """Effects and their scopes by what they promise beside the fit of some score tests, or `without` one of its effects;
-    those of effects `taken` left out, and none where the model cannot be linearised."""
-    candidates = [one for one in catalogue.candidates if one.found.effect.plain_name not in taken]
+@dataclass(frozen=True)
+class InPlace:
+    """What may stand in place of a component, and what it promises itself; 0 of what no list has."""
+
+    others: Sequence[Proposal]
+    own: float
+
+
+def listed(tests: ScoreTests, catalogue: Catalogue, taken: Collection[str]) -> list[Proposal]:
+    """Effects and their scopes by what they promise beside the fit of some score tests; those of effects `taken` left out,
+    and none where the model cannot be linearised."""
     try:
-        screened = tests.beside(candidates) if without is None else tests.in_place(without.problem, without.z, candidates)
+        screened = tests.beside(allowed(catalogue, taken))
     except SimulationError:
         return []
+    return of_effects(screened, catalogue)
+
+
+def in_place(
+    tests: ScoreTests, catalogue: Catalogue, component: Component, base: Model, worth: float
+) -> tuple[InPlace, ...]:
+    """The same in place of a component of the model whose fit was tested; `base`: the model without it. Beside what that
+    leaves; and to first order where the whole model lies, which tells more where the component changes much: it is `worth`
+    so many squares. None where a model cannot be linearised."""
+    candidates = allowed(catalogue, {one.plain_name for one in base.components})
+    try:
+        screened = tests.in_place(base.fit.problem, base.fit.z, candidates)
+        tangent, gain = tests.in_tangent(base.fit.problem, candidates, worth)
+    except SimulationError:
+        return (InPlace((), 0.0),)
+    beside = of_effects(screened, catalogue)
+    own = next((one.promise for one in beside if one.component.name == component.name), 0.0)
+    in_tangent = InPlace(of_effects(tangent, catalogue), 0.5 * gain + component.log_prior)
+    return InPlace(beside, own), in_tangent
+
+
+def allowed(catalogue: Catalogue, taken: Collection[str]) -> list[Candidate]:
+    """The candidates but those of some effects."""
+    return [one for one in catalogue.candidates if one.found.effect.plain_name not in taken]
+
+
+def of_effects(screened: Iterable[ScreeningResult], catalogue: Catalogue) -> list[Proposal]:
+    """What candidates promise, the best first."""
     return promising(
         Proposal(component, 0.5 * result.gain + component.log_prior)
         for result in screened for component in (catalogue.component(result),)
