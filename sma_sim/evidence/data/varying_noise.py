@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from math import comb, log, sqrt
+from math import comb, log
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -33,8 +33,9 @@ COUNTED = comb(2 * ORDER, ORDER) ** 2 / sum(comb(2 * ORDER, k) ** 2 for k in ran
 SMOOTHED = 0.2  # [s], in which a reading and its speed are known: what robots of wires do lasts longer
 LEAST_ROWS, MOST_ROWS = 3, 25  # on each side, that tell them
 GAP = 1.5  # times the usual interval: differences do not reach over it
-SURPRISES = 0.002  # share of differences that are no noise (kinks, outliers), with a variance of ...
-SURPRISING = 100.0  # times that of the noise
+SURPRISES = 0.002  # share of differences that are no noise (kinks, outliers), as likely as what is typical at its mean, ...
+SURPRISING = 100.0  # times the variance of which
+NORMAL_MEDIAN = 0.4549  # of the square of a standard normal value
 LEAST = 1e-6  # of the mean square, below which no variance is: readings are rounded, in their last digit
 ROUNDS = 20  # of scoring, which converges in less
 
@@ -57,20 +58,21 @@ class VaryingNoise:
 
 def varying_noise(recordings: Sequence[Recording], channel: str, stated: float = 0.0) -> VaryingNoise | None:
     """The noise of a channel that the recordings have; None where it is the same everywhere, or nowhere more than a `stated`
-    standard deviation, or where they are too short."""
+    standard deviation, or where they are too short, or sampled so slowly that what the robot does looks like noise."""
     each = [differences(one, np.asarray(one.channels[channel], dtype=float)) for one in recordings]
     squares, parts = np.concatenate([one for one, _ in each]), np.concatenate([one for _, one in each])
-    if len(squares) < MIN_NOISE_SAMPLES:
+    typical = float(np.median(squares)) / NORMAL_MEDIAN if len(squares) else 0.0
+    if len(squares) < MIN_NOISE_SAMPLES or typical == 0.0:
         return None
     scale = np.maximum(parts.max(axis=0), np.finfo(float).tiny)
     parts = parts / scale
-    penalty, least = 0.5 * log(COUNTED * len(squares)), max(stated**2, LEAST * float(np.mean(squares)))
+    penalty, least = 0.5 * log(COUNTED * len(squares)), max(stated**2, LEAST * typical)
     best, chosen = -np.inf, np.zeros(4)
     for more in (tuple(one) for count in range(3) for one in combinations((2, 3), count)):
         columns = [0, 1, *more]
         found = np.zeros(4)
-        found[columns] = scored(squares, parts[:, columns], least)
-        score = COUNTED * log_likelihood(squares, np.maximum(parts @ found, least)) - penalty * len(more)
+        found[columns] = scored(squares, parts[:, columns], typical, least)
+        score = COUNTED * log_likelihood(squares, np.maximum(parts @ found, least), typical) - penalty * len(more)
         if score > best:
             best, chosen = score, found
     std, _, growth, jitter = np.sqrt(chosen / scale).tolist()
@@ -85,7 +87,7 @@ def differences(recording: Recording, values: Vector) -> tuple[Vector, Matrix]:
     time, shown = representative(np.asarray(recording.time, dtype=float)[known], values[known])
     usual = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
     half = half_window(usual)
-    if len(time) <= ORDER + 2 * half:
+    if len(time) <= ORDER + 2 * half or 2.0 * LEAST_ROWS * usual > SMOOTHED:
         return np.zeros(0), np.zeros((0, 4))
     near = sliding_window_view(time, ORDER + 1)
     products = [
@@ -151,10 +153,10 @@ def smoothed(time: Vector, values: Vector) -> tuple[Vector, Vector]:
     return level, speed
 
 
-def scored(squares: Vector, parts: Matrix, least: float) -> Vector:
-    """By part (p,) of the variance, how much of it there is: the most likely, for squares (m,) of normal values, none of
-    which varies less than the `least`."""
-    variance, found = np.full(len(squares), float(np.mean(squares))), np.zeros(parts.shape[1])
+def scored(squares: Vector, parts: Matrix, typical: float, least: float) -> Vector:
+    """By part (p,) of the variance, how much of it there is: the most likely, for squares (m,) of normal values, of which
+    one varies by what is `typical` and none less than the `least`."""
+    variance, found = np.full(len(squares), typical), np.zeros(parts.shape[1])
     for _ in range(ROUNDS):
         usual = (squares <= MAX_DEVIATION**2 * variance) / variance
         rows, before = parts * usual[:, None], found
@@ -177,9 +179,9 @@ def none_negative(matrix: Matrix, right: Vector) -> Vector:
     return found
 
 
-def log_likelihood(squares: Vector, variance: Vector) -> float:
-    """Of squares (m,) of normal values with these variances (m,), but for few that are surprises."""
-    ratio = squares / variance
-    usual = log(1.0 - SURPRISES) - 0.5 * ratio
-    surprise = log(SURPRISES / sqrt(SURPRISING)) - 0.5 * ratio / SURPRISING
-    return float(np.sum(np.logaddexp(usual, surprise) - 0.5 * np.log(variance)))
+def log_likelihood(squares: Vector, variance: Vector, typical: float) -> float:
+    """Of squares (m,) of normal values with these variances (m,), but for few that are surprises: outliers, of any size, for
+    which no part of the variance is asked."""
+    usual = log(1.0 - SURPRISES) - 0.5 * (squares / variance + np.log(variance))
+    surprise = log(SURPRISES) - 0.5 * log(SURPRISING * typical)
+    return float(np.sum(np.logaddexp(usual, surprise)))
