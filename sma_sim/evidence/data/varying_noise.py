@@ -33,10 +33,10 @@ COUNTED = comb(2 * ORDER, ORDER) ** 2 / sum(comb(2 * ORDER, k) ** 2 for k in ran
 SMOOTHED = 0.2  # [s], in which a reading and its speed are known: what robots of wires do lasts longer
 LEAST_ROWS, MOST_ROWS = 3, 25  # on each side, that tell them
 GAP = 1.5  # times the usual interval: differences do not reach over it
-SURPRISES = 0.002  # share of differences that are no noise (kinks, outliers), as likely as what is typical at its mean, ...
-SURPRISING = 100.0  # times the variance of which
+SURPRISES = 0.002  # share of differences that are no noise: kinks and outliers, all sizes of which are alike likely ...
+SURPRISING = 100.0  # up to about ten standard deviations: as dense as zero is at so many times the typical variance
 NORMAL_MEDIAN = 0.4549  # of the square of a standard normal value
-LEAST = 1e-6  # of the mean square, below which no variance is: readings are rounded, in their last digit
+LEAST = 1e-6  # of the typical variance, below which no variance is: readings are rounded, in their last digit
 ROUNDS = 20  # of scoring, which converges in less
 
 

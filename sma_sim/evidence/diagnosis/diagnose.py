@@ -259,8 +259,8 @@ def diagnose(
     """
     t_start, request = time.perf_counter(), request or DiagnosisRequest()
     training, held_out = hold_out_last(dataset, held_out)
-    check_systems(pooled(training, held_out), config)
     as_given = pooled(training, held_out)
+    check_systems(as_given, config)
     shown = with_noise_of_readings(as_given)
     if shown is not as_given:
         training, held_out = apart(shown, len(training.recordings))

@@ -32,11 +32,7 @@ from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.effects.scope import EVERY
 from sma_sim.solver.simulate import SimulationError
 
-HELD = (
-    1.0,
-    10.0,
-    100.0,
-)  # times the precision of priors, to which unknowns are held where first order asks too much of them
+HELD = (1.0, 10.0, 100.0)  # times as narrow as priors are, which holds unknowns back where first order asks too much of them
 WEAK = 0.5  # of a step, below which a strength is probed again: a response over it is no longer the slope
 
 

@@ -490,8 +490,10 @@ def exchange(best: Model, component: Component, book: Book, context: SearchConte
     near = {model.names for model in book.models.values() if model.score(k) > best.score(k) - WINDOW}
     hopeful = [[one.component for one in way.others if one.promise >= EXCHANGE_SHARE * way.own] for way in ways]
     in_turn = [one for some in zip_longest(*hopeful) for one in some if one and base.names | {one.name} not in near]
-    chosen = {one.name: one for one in reversed(in_turn)}  # of two the one that comes first
-    add_extended(base, [one for one in in_turn if one is chosen[one.name]][:SKETCHED], book, context)
+    by_name = dict[str, Component]()
+    for one in in_turn:
+        by_name.setdefault(one.name, one)
+    add_extended(base, list(by_name.values())[:SKETCHED], book, context)
 
 
 def exchange_difference(best: Model, component: Component, book: Book, context: SearchContext) -> None:

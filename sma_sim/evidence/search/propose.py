@@ -37,7 +37,7 @@ class Proposal:
 
 @dataclass(frozen=True)
 class InPlace:
-    """What may stand in place of a component, and what it promises itself; 0 of what no list has."""
+    """What may stand in place of a component, and what that promises itself (`own`); 0 where nothing tells it."""
 
     others: Sequence[Proposal]
     own: float
