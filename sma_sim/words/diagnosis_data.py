@@ -123,8 +123,9 @@ def differences(diagnosis: Diagnosis) -> list[dict[str, Any]]:
 def amounts(difference: RecordingDifference, diagnosis: Diagnosis) -> Iterator[tuple[str, float | bool]]:
     """By recording, how much of a difference it has."""
     for run in (*diagnosis.calibration.runs, *diagnosis.predicted):
-        if difference.channel:
-            yield run.name, run.zeros.get(difference.channel, 0.0)
+        if difference.zeros:
+            ((channel, _),) = difference.zeros
+            yield run.name, run.zeros.get(channel, 0.0)
         elif difference.in_motion:
             yield run.name, max(run.beginning.warmth, default=0.0)
         else:

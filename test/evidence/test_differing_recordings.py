@@ -21,7 +21,13 @@ from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.motion_before import begin_in_motion
 from sma_sim.evidence.estimation.problem import AMBIENT, linearize, residuals_at, start_point, with_difference
 from sma_sim.evidence.estimation.recording_differences import AMBIENT as UNKNOWN_ROOM
-from sma_sim.evidence.estimation.recording_differences import AMBIENT_STD, IN_MOTION, RecordingDifference, with_differences
+from sma_sim.evidence.estimation.recording_differences import (
+    AMBIENT_STD,
+    IN_MOTION,
+    RecordingDifference,
+    with_differences,
+    zeros_of,
+)
 from sma_sim.evidence.estimation.residuals import Nuisance, fit_data, planned_run, predict
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import Candidate
@@ -29,7 +35,7 @@ from sma_sim.evidence.model_selection.differing_recordings import promises
 from sma_sim.evidence.model_selection.model_changes import with_candidate, without_effect
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
-from sma_sim.evidence.search.components import Component
+from sma_sim.evidence.search.components import Component, difference_component
 from sma_sim.evidence.search.refine import Model, without_difference
 from sma_sim.solver.inputs import Input, inputs_at
 from sma_sim.words.diagnosis_data import as_data
@@ -71,7 +77,7 @@ def test_a_room_that_is_warmer_acts_like_an_input_that_says_so():
     assert all((shown[name] == expected[name]).all() for name in expected)
 
 
-@pytest.mark.parametrize('difference', [UNKNOWN_ROOM, RecordingDifference('the zero of alpha', channel='alpha', std=1e-3)])
+@pytest.mark.parametrize('difference', [UNKNOWN_ROOM, zeros_of({'alpha': 1e-3})])
 def test_a_model_without_a_difference_is_the_one_before(difference):
     problem = problem_for(sma_sim.Dataset((recorded(0), recorded(1)), NOISE), sma_sim.Config(), OPTIONS, 5)
     z = start_point(problem) + 0.1
@@ -118,6 +124,22 @@ def test_what_is_promised_at_the_nominal_parameters():
         squares = sum(float(np.vdot(run.residuals, run.residuals)) for run in linearize(problem, z, pool))
     room = found.pop('the ambient temperature')
     assert room > 0.5 * squares and room > max(found.values())
+
+
+def test_zeros_that_several_sensors_got_between_recordings_are_one_difference():
+    """Whoever presses tare: those of two channels beside the one that promises most, and not those that have none."""
+    first, second, third = recorded(0), recorded(1, alpha=0.003), recorded(2)
+    third = replace(third, channels=third.channels | {'F_1': third.channels['F_1'] + 0.1})
+    problem = problem_for(sma_sim.Dataset((first, second, third), NOISE), sma_sim.Config(), OPTIONS, 5)
+    with executor_or_threads(None) as pool:
+        found = promises(problem, start_point(problem), SearchContext(pool, Event()))
+        zeros = [one for one in found if one.zeros]
+        assert [one.words for one in zeros] == ['the zero of alpha', 'the zeros of alpha and F_1']
+        differing, z = with_difference(problem, start_point(problem), zeros[1])
+        left = promises(differing, z, SearchContext(pool, Event()))
+    assert not any(one.zeros for one in left) and found[zeros[1]] > found[zeros[0]] > 100.0
+    one, both = (difference_component(one, problem).log_prior for one in zeros)
+    assert both == pytest.approx(one - len(NOISE) * np.log(2.0))
 
 
 def pieces(cuts=(9.0, 17.0, 28.0), length=10.0, effects=()):

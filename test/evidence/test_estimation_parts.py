@@ -12,7 +12,7 @@ from sma_sim.evidence.estimation.free_parameters import choose_free, free_parame
 from sma_sim.evidence.estimation.levenberg_marquardt import secant_update
 from sma_sim.evidence.estimation.plausibility import is_form, plausible_range
 from sma_sim.evidence.estimation.problem import LinearizedRun, assembled, difference_points
-from sma_sim.evidence.estimation.recording_differences import RecordingDifference
+from sma_sim.evidence.estimation.recording_differences import zeros_of
 from sma_sim.evidence.estimation.residuals import elapsed, fit_data
 from sma_sim.evidence.estimation.run_estimates import score_overdispersion, shown_value
 from sma_sim.model.effects.discovery import find_effects
@@ -74,11 +74,11 @@ def test_a_drift_is_counted_from_the_middle_of_a_recording(run):
 
 
 def test_a_zero_of_one_channel_is_no_drift_and_no_zero_of_others(run):
-    changed = RecordingDifference('the zero of U_y', channel='U_y', std=2e-5).in_run(run)
+    changed = zeros_of({'U_y': 2e-5}).in_run(run)
     zeros = dict(zip(run.channels, changed.zero_std, strict=True))
     assert zeros == {'alpha': 0.0, 'U_y': 2e-5} and changed.drift_std == (0.0, 0.0)
     drifting = replace(run, zero_std=(3e-4, 1e-3), drift_std=(0.0, 1e-4))
-    again = RecordingDifference('the zero of U_y', channel='U_y', std=2e-5).in_run(drifting)
+    again = zeros_of({'U_y': 2e-5}).in_run(drifting)
     known = dict(zip(run.channels, drifting.zero_std, strict=True))
     assert dict(zip(run.channels, again.zero_std, strict=True)) == known | {'U_y': 2e-5}
     assert again.drift_std == drifting.drift_std

@@ -33,7 +33,7 @@ from sma_sim.evidence.estimation.problem import (
     differences_apart,
     gathered,
 )
-from sma_sim.evidence.estimation.recording_differences import AMBIENT_STD, RecordingDifference, with_differences
+from sma_sim.evidence.estimation.recording_differences import AMBIENT_STD, RecordingDifference, with_differences, zeros_of
 from sma_sim.evidence.estimation.residuals import (
     MAX_SWITCHES,
     ZERO_LIMIT,
@@ -287,7 +287,7 @@ def replace_uncertainty(found):
 
 def test_differences_between_recordings_are_those_of_their_runs():
     recording = Recording('x', 'module', TIMES, {'alpha': np.zeros(81)}, module_input([2.0, 6.0], [1.0, 1.0]))
-    zero = RecordingDifference('zero', channel='alpha', std=0.2)
+    zero = zeros_of({'alpha': 0.2})
     room, lost = RecordingDifference('room', ambient=True), RecordingDifference('lost', unpowered_side=-1, recordings=('x',))
     (found,) = with_differences(Dataset((recording,), {'alpha': 1.0}), (zero, room, lost)).recordings
     assert (found.zero_std, found.ambient_std, found.unpowered_side) == ({'alpha': 0.2}, AMBIENT_STD, -1)

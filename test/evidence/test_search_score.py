@@ -22,7 +22,7 @@ from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import choose_free
 from sma_sim.evidence.estimation.problem import LinearizedRun, normal_equations, start_point
-from sma_sim.evidence.estimation.recording_differences import RecordingDifference
+from sma_sim.evidence.estimation.recording_differences import zeros_of
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import Probe, candidates_for, with_effect
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult, change_points, explained
@@ -343,7 +343,7 @@ def component(name):
     """An effect, or a difference between recordings."""
     if name in BY_NAME:
         return CATALOGUE.component(ScreeningResult(BY_NAME[name], 1.0, {}))
-    return Component(name, -SPARSITY, RecordingDifference(name, channel='U_y', std=1e-5))
+    return Component(name, -SPARSITY, zeros_of({'U_y': 1e-5}))
 
 
 def model(names, squares, kinetics='mas', unlisted=-inf):

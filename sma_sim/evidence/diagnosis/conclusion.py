@@ -32,7 +32,7 @@ from sma_sim.evidence.estimation.levenberg_marquardt import refit
 from sma_sim.evidence.estimation.overdispersion import overdispersion
 from sma_sim.evidence.estimation.prepared_fit import PreparedFit
 from sma_sim.evidence.estimation.problem import Problem, at_defaults, cost_at, linearize, with_difference, with_values
-from sma_sim.evidence.estimation.recording_differences import AMBIENT, RecordingDifference, with_differences
+from sma_sim.evidence.estimation.recording_differences import AMBIENT, RecordingDifference, with_differences, zeros_of
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS
 from sma_sim.evidence.estimation.uncertainty import AmbientDifference, known_ambient
@@ -280,13 +280,14 @@ class StageData:
         return replace(self, training=training, held_out=held_out)
 
     def differences(self, fit: FitResult, context: SearchContext) -> tuple[RecordingDifference, ...]:
-        """What differs between the recordings in a model, the held-out ones among them."""
+        """What differs between the recordings in a model, the held-out ones among them; zeros one by one."""
         data = self.under(fit, context)
         recordings = pooled(data.training, data.held_out).recordings
         sides = {one.name: one.unpowered_side for one in recordings if one.unpowered_side}
         return tuple(
-            replace(difference, recordings=tuple(name for name, side in sides.items() if side == difference.unpowered_side))
+            replace(one, recordings=tuple(name for name, side in sides.items() if side == one.unpowered_side))
             for difference in fit.problem.differences
+            for one in ([zeros_of({name: std}) for name, std in difference.zeros] or [difference])
         )
 
 

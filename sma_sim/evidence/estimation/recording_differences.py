@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from sma_sim.evidence.data.recording import Dataset, Recording
 from sma_sim.evidence.estimation.residuals import FitData, beginning_stds
+from sma_sim.model.shown import joined_words
 from sma_sim.model.structures.discovery import known_structures
 
 AMBIENT_STD = 3.0  # [K]: by which rooms differ from day to day
@@ -15,7 +16,7 @@ ZERO_PART = 0.05  # of what a channel usually changes by: sensors are set by han
 
 @dataclass(frozen=True)
 class RecordingDifference:
-    """Something that each recording has its own: the zero of a `channel`, whose prior is `std` (SI); the `ambient`
+    """Something that each recording has its own: the `zeros` of channels, each with its prior (SI); the `ambient`
     temperature; what is left of a motion before it (`in_motion`); or a wire that gets no power, by the sign of its commands
     (`unpowered_side`), in some `recordings`.
 
@@ -23,8 +24,7 @@ class RecordingDifference:
     """
 
     words: str
-    channel: str = ''
-    std: float = 0.0
+    zeros: tuple[tuple[str, float], ...] = ()
     ambient: bool = False
     in_motion: bool = False
     unpowered_side: int = 0
@@ -32,10 +32,10 @@ class RecordingDifference:
 
     def in_run(self, run: FitData) -> FitData:
         """A run with it."""
-        if self.channel:
-            known = run.zero_std or (0.0,) * len(run.channels)
-            zeros = tuple(self.std if name == self.channel else std for name, std in zip(run.channels, known, strict=True))
-            return replace(run, zero_std=zeros, drift_std=run.drift_std or (0.0,) * len(zeros))
+        if self.zeros:
+            none = (0.0,) * len(run.channels)
+            known = dict(zip(run.channels, run.zero_std or none, strict=True)) | dict(self.zeros)
+            return replace(run, zero_std=tuple(known[name] for name in run.channels), drift_std=run.drift_std or none)
         if self.ambient:
             return replace(run, ambient_std=AMBIENT_STD)
         if self.in_motion:
@@ -44,13 +44,19 @@ class RecordingDifference:
 
     def in_recording(self, recording: Recording) -> Recording:
         """A recording with it."""
-        if self.channel:
-            return replace(recording, zero_std={**recording.zero_std, self.channel: self.std})
+        if self.zeros:
+            own = {name: std for name, std in self.zeros if name in recording.channels}
+            return replace(recording, zero_std={**recording.zero_std, **own})
         if self.ambient:
             return replace(recording, ambient_std=AMBIENT_STD)
         if self.in_motion:
             return replace(recording, in_motion=True)
         return replace(recording, unpowered_side=self.unpowered_side) if recording.name in self.recordings else recording
+
+
+def zeros_of(stds: Mapping[str, float]) -> RecordingDifference:
+    """The zeros of some channels, by their priors (SI)."""
+    return RecordingDifference(f'the zero{"s" * (len(stds) > 1)} of {joined_words(list(stds))}', zeros=tuple(stds.items()))
 
 
 AMBIENT = RecordingDifference('the ambient temperature', ambient=True)

@@ -22,7 +22,7 @@ from sma_sim.evidence.estimation.problem import (
     with_difference,
 )
 from sma_sim.evidence.estimation.projection import Projection
-from sma_sim.evidence.estimation.recording_differences import AMBIENT, IN_MOTION, ZERO_PART, RecordingDifference
+from sma_sim.evidence.estimation.recording_differences import AMBIENT, IN_MOTION, ZERO_PART, RecordingDifference, zeros_of
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.solver.effect_table import channel_scales
@@ -43,40 +43,68 @@ def promises(problem: Problem, z: Vector, context: SearchContext) -> dict[Record
     if len(problem.runs) < 2:
         return moving
     project = Projection(linear, len(z), problem.tempering)
-    responses = responses_at(problem, z, linear, context)
-    found = {difference: gain(by_run, project) for difference, by_run in responses.items()}
+    found = promised_zeros(problem, project)
+    if not problem.differences:
+        responses = responses_to_ambient(problem, z, linear, context)
+        found |= {AMBIENT: gain(beside(responses, project), project.residuals)} if responses else {}
     for side in (1, -1):
         found |= unpowered_side(problem, z, linear, side, context)
     return {one: taken for one, taken in (found | moving).items() if one.words not in known}
 
 
-def responses_at(
-    problem: Problem, z: Vector, linear: Sequence[LinearizedRun], context: SearchContext
-) -> dict[RecordingDifference, list[Matrix]]:
-    """By difference, the change of each run's residuals (channels, k) by one standard deviation of its prior."""
+def promised_zeros(problem: Problem, project: Projection) -> dict[RecordingDifference, float]:
+    """What the zeros of the channel that promises most would take from the squares, and those of all channels that promise
+    to raise the score, each beside those before: who sets one sensor to zero between recordings may do so with all."""
     structure = problem.config.structure.structure
     sizes = dict(zip(structure.channels, channel_scales(structure), strict=True))
-    found = dict[RecordingDifference, list[Matrix]]()
-    for name in dict.fromkeys(name for run in problem.runs for name in run.channels):
-        zero = RecordingDifference(f'the zero of {name}', channel=name, std=ZERO_PART * sizes[name])
-        rows = [np.array([[channel == name] for channel in run.channels]) for run in problem.runs]
-        found[zero] = [row * zero.std * run.weight for row, run in zip(rows, problem.runs, strict=True)]
-    if not problem.differences:
-        differing, start = with_difference(problem, z, AMBIENT)
-        for own, run in zip(differing.indices(), differing.runs, strict=True):
-            start[own[differing.places(run, ROOM)]] = AMBIENT_STEP
-        moved = residuals_at(differing, start, context.pool)
-        pairs = zip(moved, linear, strict=True)
-        changes = [(there - run.residuals) / AMBIENT_STEP for there, run in pairs if there is not None]
-        found |= {AMBIENT: changes} if len(changes) == len(linear) else {}
+    known = {name for run in problem.runs for name, std in zip(run.channels, run.zero_std, strict=False) if std > 0.0}
+    stds = {name: ZERO_PART * sizes[name] for run in problem.runs for name in run.channels if name not in known}
+    columns = {
+        name: beside(
+            [std * run.weight * (np.array(run.channels) == name)[:, None] for run in problem.runs], project
+        ) for name, std in stds.items()
+    }  # fmt: skip
+    chosen, score, found = list[str](), 0.0, dict[RecordingDifference, float]()
+    while rest := [name for name in stds if name not in chosen]:
+        together = {name: np.concatenate([columns[one] for one in (*chosen, name)]) for name in rest}
+        scores = {name: gain(some, project.residuals) - log_volume(some) for name, some in together.items()}
+        best = max(rest, key=scores.__getitem__)
+        if scores[best] <= score:
+            break
+        chosen, score = [*chosen, best], scores[best]
+        several = zeros_of({name: std for name, std in stds.items() if name in chosen})
+        found = dict([*list(found.items())[:1], (several, gain(together[best], project.residuals))])
     return found
 
 
-def gain(responses: Sequence[Matrix], project: Projection) -> float:
-    """By how much the squares decrease if each run has its own amount of its response, under a standard normal prior."""
-    columns = np.array([project(column) for column in block_diag(*(response.ravel() for response in responses))])
-    score = columns @ project.residuals
+def responses_to_ambient(
+    problem: Problem, z: Vector, linear: Sequence[LinearizedRun], context: SearchContext
+) -> list[Matrix]:
+    """The change of each run's residuals (channels, k) by one standard deviation of its ambient temperature; none where the
+    model cannot be run."""
+    differing, start = with_difference(problem, z, AMBIENT)
+    for own, run in zip(differing.indices(), differing.runs, strict=True):
+        start[own[differing.places(run, ROOM)]] = AMBIENT_STEP
+    moved = residuals_at(differing, start, context.pool)
+    pairs = zip(moved, linear, strict=True)
+    changes = [(there - run.residuals) / AMBIENT_STEP for there, run in pairs if there is not None]
+    return changes if len(changes) == len(linear) else []
+
+
+def beside(responses: Sequence[Matrix], project: Projection) -> Matrix:
+    """What is left of responses of each run (channels, k) alone, (runs, N)."""
+    return np.array([project(column) for column in block_diag(*(response.ravel() for response in responses))])
+
+
+def gain(columns: Matrix, residuals: Vector) -> float:
+    """By how much the squares decrease if each of some responses (m, N) has an amount, under a standard normal prior."""
+    score = columns @ residuals
     return float(score @ np.linalg.solve(columns @ columns.T + np.eye(len(columns)), score))
+
+
+def log_volume(columns: Matrix) -> float:
+    """By how much these amounts are better known then than before: twice what they cost a score."""
+    return float(np.linalg.slogdet(columns @ columns.T + np.eye(len(columns)))[1])
 
 
 def unpowered_side(

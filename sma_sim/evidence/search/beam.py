@@ -260,9 +260,11 @@ def settle(book: Book, context: SearchContext) -> None:
 
 
 def bare(book: Book) -> Model:
-    """The nominal model with the kinetics of the best one, as it was fitted: its residuals are small enough there for first
-    order to hold, which they need not be where the parameters of the best one lie without its effects."""
-    return book.models[frozenset(), book.best.key[1]]
+    """The nominal model with the kinetics of the best one and what differs between its recordings, as it was fitted: its
+    residuals are small enough there for first order to hold, which they need not be where the parameters of the best one
+    lie without its effects."""
+    kinetics, differing = book.best.key[1], frozenset(one.name for one in book.best.components if one.is_difference)
+    return book.models.get((differing, kinetics), book.models[frozenset(), kinetics])
 
 
 def stripped(model: Model, replaced: Sequence[Component]) -> Model:

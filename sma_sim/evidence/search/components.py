@@ -26,7 +26,7 @@ from sma_sim.model.effects.scope import SEPARATOR
 from sma_sim.solver.inputs import Input
 
 NEUTRAL = 1e-9  # distance from a neutral value, in standard deviations of the prior, that is rounding
-NO_ZEROS = 4  # kinds of differences beside zeros: ambient temperature, motion before it, and the power of either side
+NO_ZEROS = 5  # kinds of differences beside one zero: several, ambient temperature, motion before, the power of either side
 
 
 @dataclass(frozen=True)
@@ -142,9 +142,11 @@ def is_powered(source: Input) -> bool:
 
 
 def difference_component(difference: RecordingDifference, problem: Problem) -> Component:
-    """What differs between recordings, among all kinds of it: zeros of channels, ambient temperature, power of a side."""
-    kinds = sum(any(name in run.channels for run in problem.runs) for name in CHANNEL_COLUMNS) + NO_ZEROS
-    return Component(difference.words, -SPARSITY - log(kinds), difference)
+    """What differs between recordings, among all kinds of it: zeros of one channel or of any several, ambient temperature,
+    power of a side."""
+    channels = sum(any(name in run.channels for run in problem.runs) for name in CHANNEL_COLUMNS)
+    which = channels * log(2.0) if len(difference.zeros) > 1 else 0.0
+    return Component(difference.words, -SPARSITY - log(channels + NO_ZEROS) - which, difference)
 
 
 def formula_log_prior(terms: int, locations: int) -> float:
