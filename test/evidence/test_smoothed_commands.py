@@ -10,9 +10,10 @@ from closed_loops import closed_loop
 from systems import active, make_model
 
 from sma_sim import Dataset, FitOptions, Recording, module_input, simulate
-from sma_sim.evidence.estimation.calibrate import final_fit, problem_for
+from sma_sim.evidence.estimation import residuals
+from sma_sim.evidence.estimation.calibrate import checked_nearby, final_fit, problem_for
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize
-from sma_sim.evidence.estimation.problem import linearize, near, residuals_at, start_point
+from sma_sim.evidence.estimation.problem import cost_at, linearize, near, near_point, residuals_at, start_point
 from sma_sim.evidence.estimation.residuals import (
     LACKING,
     Nuisance,
@@ -22,7 +23,8 @@ from sma_sim.evidence.estimation.residuals import (
     weighted_residuals,
 )
 from sma_sim.evidence.estimation.search_context import SearchContext
-from sma_sim.evidence.estimation.stop_criteria import ALL_SAMPLES, FROM_PRIORS
+from sma_sim.evidence.estimation.stop_criteria import ALL_SAMPLES, FROM_PRIORS, SETTLED
+from sma_sim.evidence.estimation.uncertainty import checked_by_runs, information_of, uncertainty
 from sma_sim.solver.model import Model
 
 DURATION = 20.0
@@ -49,6 +51,19 @@ def pool():
         yield threads
 
 
+@pytest.fixture
+def row_by_row(monkeypatch):
+    """Of every run whether it is made row by row."""
+    made, run = [], residuals.channels_of_all
+
+    def heard(*given):
+        made.append(given[-1] is None)
+        return run(*given)
+
+    monkeypatch.setattr(residuals, 'channels_of_all', heard)
+    return made
+
+
 @pytest.mark.parametrize('kind', ['hybrid', 'mas'])
 def test_trial_steps_are_exact_where_they_begin_and_nearly_so_beside(kind, pool):
     """Residuals are those of the run row by row; the error beside is a small part of what changes."""
@@ -60,14 +75,18 @@ def test_trial_steps_are_exact_where_they_begin_and_nearly_so_beside(kind, pool)
     (here,), (trial,) = residuals_at(problem, z, pool), residuals_at(nearby, z, pool)
     assert np.abs(linear.correction).max() > 0.1
     assert np.array_equal(linear.residuals, here) and np.abs(trial - here).max() < 1e-9
+    (again,) = linearize(nearby, z, pool)
+    assert np.array_equal(again.residuals, trial) and np.abs(again.correction - linear.correction).max() < 1e-9
+    assert np.array_equal(near_point(problem, z, pool).runs[0].correction, linear.correction)
     (there,), (beside,) = residuals_at(problem, z + 0.02, pool), residuals_at(nearby, z + 0.02, pool)
     change = np.sqrt(np.mean((there - here) ** 2))
     assert change > 1.0 and np.sqrt(np.mean((beside - there) ** 2)) < 0.01 * change
 
 
 @pytest.mark.parametrize('kind', ['hybrid', 'mas'])
-def test_fits_end_where_they_end_row_by_row(kind, pool):
-    """A search so near, or lower, that the score tells no difference, the last fit to what its criteria leave open."""
+def test_fits_end_where_they_end_row_by_row(kind, pool, row_by_row):
+    """A search so near, or lower, that the score tells no difference, the last fit to what its criteria leave open; the ends
+    of intervals are checked by few runs row by row, and are the same."""
     model, dataset = fitted_loop(kind)
     options, context = FitOptions(free=NAMES), SearchContext(pool, Event())
     problem = problem_for(dataset, model.config, options, 1)
@@ -75,6 +94,7 @@ def test_fits_end_where_they_end_row_by_row(kind, pool):
     assert problem.runs[0].leeway is not None
     fits = [minimize(one, start_point(one) + 0.2, FROM_PRIORS, context) for one in (problem, rows)]
     assert fits[0].cost < fits[1].cost + 0.3 and fits[0].problem is problem
+    assert fits[0].cost == pytest.approx(cost_at(problem, fits[0].z, pool), abs=0.3)
     last = final_fit(dataset, fits[0], options, context)
     by_rows = minimize(last.problem, fits[1].z, ALL_SAMPLES, context)
     assert last.problem.runs[0].leeway is None and last.cost < by_rows.cost + 0.03
@@ -82,6 +102,22 @@ def test_fits_end_where_they_end_row_by_row(kind, pool):
     jacobian = run.jacobian.reshape(len(last.z), -1)
     stds = np.sqrt(np.diag(np.linalg.inv(jacobian @ jacobian.T + np.eye(len(jacobian)))))
     assert (np.abs(last.z - by_rows.z) < 0.3 * stds).all()
+    informations = [information_of(last.problem.runs[0], run, False)]
+    known = uncertainty(last.problem, last.z, informations)
+    row_by_row.clear()
+    checked = checked_nearby(known, last, informations, pool)
+    assert row_by_row.count(True) == 2 and row_by_row.count(False) > 2
+    assert checked == checked_by_runs(known, last.problem, last.z, informations, pool)
+
+
+def test_small_steps_of_a_fit_keep_what_lines_lack(pool, row_by_row):
+    """Towards its end no run row by row is made."""
+    model, dataset = fitted_loop('mas')
+    problem = problem_for(dataset, model.config, FitOptions(free=NAMES), 1)
+    row_by_row.clear()
+    found = minimize(problem, start_point(problem) + 0.2, SETTLED, SearchContext(pool, Event()))
+    assert row_by_row.count(True) <= found.iterations  # which are one less than linearisations
+    assert found.cost == pytest.approx(cost_at(problem, found.z, pool), abs=0.3)
 
 
 def test_delay_and_starts_alone_are_not_estimated_row_by_row(pool):

@@ -45,6 +45,7 @@ from sma_sim.evidence.estimation.problem import (
     Problem,
     cost_at,
     feasible,
+    near_point,
     start_point,
 )
 from sma_sim.evidence.estimation.residuals import ZERO_STDS, FitData, fit_data, hidden_rtol, leeway_for
@@ -508,7 +509,7 @@ def final_calibration(dataset: Dataset, fit: FitResult, options: FitOptions, con
         (reduced,) = run_in_threads([job], context.stop)
         informations = [information for information, _ in reduced]
         known = uncertainty(last.problem, last.z, informations)
-        check = partial(checked_by_runs, known, last.problem, last.z, informations, context.pool)
+        check = partial(checked_nearby, known, last, informations, context.pool)
         (checked,) = run_in_threads([check], context.stop)
         known = with_other_minima(checked, last.other_starts)
         covariance = posterior_covariance(last.problem.free, known)
@@ -524,6 +525,17 @@ def final_calibration(dataset: Dataset, fit: FitResult, options: FitOptions, con
         implausible=implausible_of(last, known),
         by_run=by_run,
     )
+
+
+def checked_nearby(
+    known: Uncertainty, fit: FitResult, informations: Sequence[RunInformation], pool: Executor
+) -> Uncertainty:
+    """Intervals checked at their ends, by runs under smoothed commands where these change at every moment.
+
+    What lines lack of a run hardly changes within an interval.
+    """
+    nearby = near_point(with_leeway(fit.problem, fit.config), fit.z, pool)
+    return checked_by_runs(known, nearby, fit.z, informations, pool)
 
 
 def information_and_reduced(fit: FitResult, data: FitData, run: LinearizedRun) -> tuple[RunInformation, ReducedRun]:

@@ -90,17 +90,21 @@ def minimize(problem: Problem, z: Vector, criteria: StopCriteria, context: Searc
 
     Damping is absolute: what data hardly see stays near its prior until the rest is right. Differences become central when
     a step gains little, because valleys are narrow; they are bent too, and steps with them (`damped_step`), as long as the
-    derivatives fit into the memory. `label` names the minimisation in `on_iteration`.
+    derivatives fit into the memory. Corrections of runs under smoothed commands are made anew after each step, row by row,
+    but for one that gains no more than one after which that hardly changed the cost. `label` names the minimisation in
+    `on_iteration`.
     """
     half = 0.5 * problem.samples
     is_kept = problem.derivative_bytes <= MAX_KEPT
     secant = criteria.secant and is_kept
     central, damping = criteria.central or problem.has_tangents, criteria.damping
     steps = measured_steps(problem, z, context.pool) if central else None
+    nearby, trusted, gained, cost = problem, -inf, 0.0, inf
     for iteration in range(criteria.max_iterations):
-        linear = list(linearized_in_turn(problem, z, context.pool, steps, central)) if is_kept else []
+        at, reached = nearby if gained <= trusted else problem, cost - gained
+        linear = list(linearized_in_turn(at, z, context.pool, steps, central)) if is_kept else []
         parts = [normal_equations(run, problem.robust) for run in linear] or list(
-            normal_parts(problem, z, context.pool, steps, central)
+            normal_parts(at, z, context.pool, steps, central)
         )
         model = accumulated(parts, z, problem.tempering)
         cost = model[0]
@@ -108,13 +112,15 @@ def minimize(problem: Problem, z: Vector, criteria: StopCriteria, context: Searc
         if context.stop.is_set():
             return FitResult(problem, z, cost, iteration, False)
         min_decrease = criteria.min_decrease * max(cost / half, COST_FLOOR)
+        if abs(cost - reached) <= min_decrease:
+            trusted = max(trusted, gained)
+        nearby = near(problem, [part.correction for part in parts])
         if secant:
             found = secant_minimum(problem, z, linear, (damping, min_decrease), context)
             z, gained, damping = found.z, cost - found.cost, max(damping / SECANT_DAMPING, SECANT_DAMPING_FLOOR)
             converged = True
             ended = gained <= max(min_decrease, criteria.relative_decrease * cost)
         else:
-            nearby = near(problem, [part.correction for part in parts])
             step, gained, damping = damped_step(nearby, z, model, damping, min_decrease, context.pool, linear)
             z, converged = z + step, damping <= MAX_DAMPING
             ended = gained <= criteria.relative_decrease * cost and (central or converged)

@@ -259,6 +259,15 @@ def near(problem: Problem, corrections: Sequence[Matrix | None]) -> Problem:
     return replace(problem, runs=tuple(replace(run, correction=correction) for run, correction in pairs))
 
 
+def near_point(problem: Problem, z: Vector, executor: Executor) -> Problem:
+    """The problem near z (`near`), by one run row by row and one under the smoothed command of each that may be smoothed."""
+    zero = [None if run.leeway is None else np.zeros_like(run.measured) for run in problem.runs]
+    if all(one is None for one in zero):
+        return problem
+    pairs = zip(residuals_at(problem, z, executor), residuals_at(near(problem, zero), z, executor), strict=True)
+    return near(problem, [None if exact is None or smooth is None else exact - smooth for exact, smooth in pairs])
+
+
 def residuals_at(problem: Problem, z: Vector, executor: Executor) -> list[Matrix | None]:
     """Weighted residuals of every run."""
     return list(residuals_under(problem, z, [problem.fitted(z)], executor)[0])

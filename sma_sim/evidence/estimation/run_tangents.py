@@ -94,7 +94,12 @@ def linearized_by_tangents(task: TangentTask) -> tuple[Matrix, NDArray[np.float6
         as_exact, model = looser(run, config.config) == 1.0, config.model(run.bench)
         here = compared(run, shown, nuisance) if as_exact else smoothed_residuals(model, run, nuisance)
         is_the_run = as_exact and not found.smoothed
-        residuals = here if is_the_run and here is not None else weighted_residuals(model, run, nuisance)
+        if here is not None and is_the_run:
+            residuals = here
+        elif here is not None and run.correction is not None:
+            residuals = here + run.correction
+        else:
+            residuals = weighted_residuals(model, run, nuisance)
         correction = None if is_the_run or here is None else residuals - here
         nearby = replace(run, correction=correction)
         beside = {
