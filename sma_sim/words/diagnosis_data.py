@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -12,6 +13,7 @@ from sma_sim.evidence.diagnosis.conclusion import ModelStage
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.estimation.plausibility import other_form
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
+from sma_sim.evidence.estimation.residuals import LATENESS
 from sma_sim.evidence.estimation.uncertainty import AmbientDifference
 from sma_sim.evidence.search.equations import formula_of, has_terms
 from sma_sim.evidence.search.posterior import Posterior
@@ -126,6 +128,8 @@ def amounts(difference: RecordingDifference, diagnosis: Diagnosis) -> Iterator[t
         if difference.zeros:
             ((channel, _),) = difference.zeros
             yield run.name, run.zeros.get(channel, 0.0)
+        elif difference.late_commands:
+            yield run.name, LATENESS * statistics.pstdev(run.switches or (0.0,))
         elif difference.in_motion:
             yield run.name, max(run.beginning.warmth, default=0.0)
         else:

@@ -19,11 +19,19 @@ from sma_sim.evidence.estimation.calibrate import FitOptions, problem_for
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.motion_before import begin_in_motion
-from sma_sim.evidence.estimation.problem import AMBIENT, linearize, residuals_at, start_point, with_difference
+from sma_sim.evidence.estimation.problem import (
+    AMBIENT,
+    linearize,
+    residuals_at,
+    start_point,
+    with_difference,
+    with_own_unknowns,
+)
 from sma_sim.evidence.estimation.recording_differences import AMBIENT as UNKNOWN_ROOM
 from sma_sim.evidence.estimation.recording_differences import (
     AMBIENT_STD,
     IN_MOTION,
+    LATE_COMMANDS,
     RecordingDifference,
     with_differences,
     zeros_of,
@@ -309,3 +317,27 @@ def test_a_held_out_run_in_another_room_is_no_effect():
     warmest = ambient.pop('run4')
     assert warmest - np.mean(list(ambient.values())) == pytest.approx(5.0, abs=0.5)
     assert any(f'run4 {warmest:+.2g}' in line for line in as_text(found))
+
+
+def test_commands_that_are_late_by_differing_times():
+    """Drawn between 0 and 0.1 s: the model with one more unknown for each begins where it was, and they promise most."""
+    random, late = np.random.default_rng(3), list[sma_sim.Recording]()
+    for k in range(3):
+        said = recorded(k).source
+        times = said.times.copy()
+        times[1:] += random.uniform(0.0, 0.1, len(times) - 1)
+        run = sma_sim.simulate(sma_sim.Model(), Input(times, said.values, said.linear), 10.0)
+        columns = {'U_y': 'U_y_m', 'alpha': 'alpha_rad', 'F_1': 'F_1_N', 'F_2': 'F_2_N'}
+        noisy = {name: run[column] + NOISE[name] * random.standard_normal(len(run.time)) for name, column in columns.items()}
+        late.append(sma_sim.Recording(f'run{k + 1}', 'module', run.time, noisy, said))
+    problem = problem_for(sma_sim.Dataset(tuple(late), NOISE), sma_sim.Config(), OPTIONS, 1)
+    z = start_point(problem)
+    z[len(problem.free)] = 1.0
+    differing, start = with_difference(problem, z, LATE_COMMANDS)
+    with executor_or_threads(None) as pool:
+        for one, other in zip(residuals_at(problem, z, pool), residuals_at(differing, start, pool), strict=True):
+            assert one == pytest.approx(other, abs=0.05)
+        found = promises(problem, z, SearchContext(pool, Event()))
+        assert max(found, key=found.get) == LATE_COMMANDS and found[LATE_COMMANDS] > 100.0
+        assert LATE_COMMANDS not in promises(differing, start, SearchContext(pool, Event()))
+    assert with_own_unknowns(differing, start, problem) == pytest.approx(z)

@@ -124,6 +124,8 @@ class Recording(Shown, Saved, Comparable):
         By channel whose zero drifts, by how much it does so from the first to the last sample (SI).
     ambient_std : float
         By how much the ambient temperature may differ from that of `source` [K]; 0 where it is known.
+    late_commands : bool
+        Whether each command may have taken effect later than another one, by up to 0.2 s.
     in_motion : bool
         Whether wires may be warm, and the pose not in equilibrium, at its beginning: else it begins at rest.
     unpowered_side : int
@@ -156,6 +158,7 @@ class Recording(Shown, Saved, Comparable):
     imposed_std: Mapping[str, float] = field(default_factory=dict)
     sample_std: Mapping[str, Vector] = field(default_factory=dict)
     in_motion: bool = False
+    late_commands: bool = False
     rounding: Mapping[str, Rounding] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.executors import PickledConfig, in_turn, workers_of
 from sma_sim.evidence.estimation.free_parameters import FreeParameter
-from sma_sim.evidence.estimation.recording_differences import RecordingDifference
-from sma_sim.evidence.estimation.residuals import FitData, Nuisance, residuals_of_all, with_states
+from sma_sim.evidence.estimation.recording_differences import LATE_COMMANDS, RecordingDifference
+from sma_sim.evidence.estimation.residuals import LATENESS, FitData, Nuisance, residuals_of_all, with_states
 from sma_sim.evidence.estimation.run_tangents import TangentTask, linearized_by_tangents, tangents_apply
 from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import Config
@@ -183,8 +183,14 @@ def places_among(known: Sequence[FreeParameter], asked: Sequence[FreeParameter])
 
 def with_own_unknowns(problem: Problem, z: Vector, other: Problem) -> Vector:
     """The point z of a problem as another one has it, whose runs, the same, have other unknowns of their own: what is new at
-    0."""
-    return np.concatenate([z[: len(problem.shared)], own_values(problem, z, other)])
+    0. Commands that may be late are so by half of what is possible there, which the delay makes up for."""
+    later = LATE_COMMANDS in other.differences, LATE_COMMANDS in problem.differences
+    found = np.concatenate([z[: len(problem.shared)], own_values(problem, z, other)])
+    if later[0] != later[1]:
+        found[[k for k, one in enumerate(other.unknowns) if one.name == SWITCH.name]] = 0.0
+        if problem.delay is None:
+            found[len(problem.free)] += (0.5 if later[0] else -0.5) * LATENESS / DELAY.scale
+    return found
 
 
 def own_values(problem: Problem, z: Vector, other: Problem) -> Vector:

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from sma_sim.evidence.data.recording import Dataset, Recording
-from sma_sim.evidence.estimation.residuals import FitData, beginning_stds
+from sma_sim.evidence.estimation.residuals import FitData, beginning_stds, with_late_changes
 from sma_sim.model.shown import joined_words
 from sma_sim.model.structures.discovery import known_structures
 
@@ -17,8 +19,8 @@ ZERO_PART = 0.05  # of what a channel usually changes by: sensors are set by han
 @dataclass(frozen=True)
 class RecordingDifference:
     """Something that each recording has its own: the `zeros` of channels, each with its prior (SI); the `ambient`
-    temperature; what is left of a motion before it (`in_motion`); or a wire that gets no power, by the sign of its commands
-    (`unpowered_side`), in some `recordings`.
+    temperature; what is left of a motion before it (`in_motion`); how late each command takes effect (`late_commands`);
+    or a wire that gets no power, by the sign of its commands (`unpowered_side`), in some `recordings`.
 
     `words` name it.
     """
@@ -27,6 +29,7 @@ class RecordingDifference:
     zeros: tuple[tuple[str, float], ...] = ()
     ambient: bool = False
     in_motion: bool = False
+    late_commands: bool = False
     unpowered_side: int = 0
     recordings: tuple[str, ...] = ()
 
@@ -40,6 +43,9 @@ class RecordingDifference:
             return replace(run, ambient_std=AMBIENT_STD)
         if self.in_motion:
             return replace(run, beginning_std=beginning_stds(known_structures()[run.bench]))
+        if self.late_commands:
+            source, changed, interval = with_late_changes(run.source, run.changed, run.interval)
+            return replace(run, source=source, changed=changed, interval=interval, group=np.arange(len(changed)))
         return replace(run, unpowered_side=self.unpowered_side) if run.name in self.recordings else run
 
     def in_recording(self, recording: Recording) -> Recording:
@@ -51,6 +57,8 @@ class RecordingDifference:
             return replace(recording, ambient_std=AMBIENT_STD)
         if self.in_motion:
             return replace(recording, in_motion=True)
+        if self.late_commands:
+            return replace(recording, late_commands=True)
         return replace(recording, unpowered_side=self.unpowered_side) if recording.name in self.recordings else recording
 
 
@@ -61,6 +69,7 @@ def zeros_of(stds: Mapping[str, float]) -> RecordingDifference:
 
 AMBIENT = RecordingDifference('the ambient temperature', ambient=True)
 IN_MOTION = RecordingDifference('how warm its wires are when it begins', in_motion=True)
+LATE_COMMANDS = RecordingDifference('how late each command takes effect', late_commands=True)
 
 
 def with_differences(dataset: Dataset, differences: Collection[RecordingDifference]) -> Dataset:

@@ -37,6 +37,7 @@ ZERO_LIMIT = 2e-3  # of strain, by which the zero of a recording may be off: gri
 WARMTH_STD = 40.0  # [K] of wires that were in use before: transformation takes place that far above a room
 USUAL_TIME = 1.0  # [s] of a motion of wires in air
 SOFTEST = 1.5e10  # [Pa] of wires: a strain that was set to zero under load lacks no more than stress over this
+LATENESS = 0.2  # [s] between commands that take effect soonest and latest, as messages of a busy computer do
 MAX_SWITCHES = 24  # with more changes of the command than this, all share one fraction
 SOLVER_NOISE = 0.3  # error of a sample in units of rtol times the channel's size (docs/explanation/calibration.md)
 HIDDEN = 0.02  # of the noise, below which errors of the solver explain nothing that a fit could take for an effect
@@ -191,7 +192,9 @@ def fit_data(
     ]
     present = np.isfinite(measured)
     level = float(np.median(np.asarray(recording.source.values)[:, 0])) if structure.is_quasi_static else nan
-    changed, interval = sampled_changes(recording)
+    source, changed, interval = without_repeats(simplified_input(recording, noise_std)), *sampled_changes(recording)
+    if recording.late_commands:
+        source, changed, interval = with_late_changes(source, changed, interval)
     single = len(changed) > MAX_SWITCHES
     return FitData(
         name=recording.name,
@@ -199,7 +202,7 @@ def fit_data(
         time=np.asarray(recording.time, float)[rows],
         measured=np.where(present, measured, 0.0),
         weight=present / np.array(noise),
-        source=without_repeats(simplified_input(recording, noise_std)),
+        source=source,
         changed=changed,
         interval=interval,
         group=np.zeros(len(changed), dtype=np.int64) if single else np.arange(len(changed)),
@@ -289,6 +292,22 @@ def sampled_changes(recording: Recording) -> tuple[Vector, Vector]:
         at = at[:0]
     at = at[~np.isin(times[at], recording.known_changes)]
     return times[at], times[at] - times[at - 1]
+
+
+def with_late_changes(source: Input, changed: Vector, interval: Vector) -> tuple[Input, Vector, Vector]:
+    """The input, all instants [s] at which its command changes, the first one from rest, and how long before each that may
+    take effect, beside a delay of all of them; no less than the intervals of those that were sampled."""
+    first = np.array(source.values[:1], float)
+    if first[0, command_column(source)] != 0.0:
+        first[0, command_column(source)] = 0.0
+        times, values = np.append(source.times[0] - LATENESS, source.times), np.concatenate([first, source.values])
+        source = Input(times, values, source.linear, source.names)
+    rows = np.flatnonzero(np.diff(np.asarray(source.values, float)[:, command_column(source)])) + 1
+    times = np.asarray(source.times, float)[rows]
+    found = np.full(len(times), LATENESS)
+    for at, span in zip(changed, interval, strict=True):
+        found[times == at] = max(LATENESS, span)
+    return source, times, np.minimum(found, np.diff(times, prepend=source.times[0]))
 
 
 def command_column(source: Input) -> int:

@@ -1,4 +1,5 @@
-"""What may differ between the recordings of a campaign: a zero of a sensor, the ambient temperature, a wire without power.
+"""What may differ between the recordings of a campaign: zeros of sensors, the ambient temperature, how late commands take
+effect, a wire without power.
 
 Each recording has its own.
 """
@@ -15,6 +16,7 @@ from sma_sim.evidence.estimation.motion_before import motion_before
 from sma_sim.evidence.estimation.problem import AMBIENT as ROOM
 from sma_sim.evidence.estimation.problem import (
     AMBIENT_STEP,
+    SWITCH,
     LinearizedRun,
     Problem,
     linearize,
@@ -22,7 +24,15 @@ from sma_sim.evidence.estimation.problem import (
     with_difference,
 )
 from sma_sim.evidence.estimation.projection import Projection
-from sma_sim.evidence.estimation.recording_differences import AMBIENT, IN_MOTION, ZERO_PART, RecordingDifference, zeros_of
+from sma_sim.evidence.estimation.recording_differences import (
+    AMBIENT,
+    IN_MOTION,
+    LATE_COMMANDS,
+    ZERO_PART,
+    RecordingDifference,
+    zeros_of,
+)
+from sma_sim.evidence.estimation.residuals import MAX_SWITCHES
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.solver.effect_table import channel_scales
@@ -46,7 +56,9 @@ def promises(problem: Problem, z: Vector, context: SearchContext) -> dict[Record
     found = promised_zeros(problem, project)
     if not problem.differences:
         responses = responses_to_ambient(problem, z, linear, context)
-        found |= {AMBIENT: gain(beside(responses, project), project.residuals)} if responses else {}
+        found |= {AMBIENT: gain(left_of(responses, project), project.residuals)} if responses else {}
+    responses = responses_to_lateness(problem, z, context)
+    found |= {LATE_COMMANDS: gain(left_of(responses, project), project.residuals)} if responses else {}
     for side in (1, -1):
         found |= unpowered_side(problem, z, linear, side, context)
     return {one: taken for one, taken in (found | moving).items() if one.words not in known}
@@ -60,8 +72,8 @@ def promised_zeros(problem: Problem, project: Projection) -> dict[RecordingDiffe
     known = {name for run in problem.runs for name, std in zip(run.channels, run.zero_std, strict=False) if std > 0.0}
     stds = {name: ZERO_PART * sizes[name] for run in problem.runs for name in run.channels if name not in known}
     columns = {
-        name: beside(
-            [std * run.weight * (np.array(run.channels) == name)[:, None] for run in problem.runs], project
+        name: left_of(
+            [std * (run.weight * (np.array(run.channels) == name)[:, None]).reshape(1, -1) for run in problem.runs], project
         ) for name, std in stds.items()
     }  # fmt: skip
     chosen, score, found = list[str](), 0.0, dict[RecordingDifference, float]()
@@ -80,20 +92,39 @@ def promised_zeros(problem: Problem, project: Projection) -> dict[RecordingDiffe
 def responses_to_ambient(
     problem: Problem, z: Vector, linear: Sequence[LinearizedRun], context: SearchContext
 ) -> list[Matrix]:
-    """The change of each run's residuals (channels, k) by one standard deviation of its ambient temperature; none where the
+    """The change of each run's residuals, (1, values), by one standard deviation of its ambient temperature; none where the
     model cannot be run."""
     differing, start = with_difference(problem, z, AMBIENT)
     for own, run in zip(differing.indices(), differing.runs, strict=True):
         start[own[differing.places(run, ROOM)]] = AMBIENT_STEP
     moved = residuals_at(differing, start, context.pool)
     pairs = zip(moved, linear, strict=True)
-    changes = [(there - run.residuals) / AMBIENT_STEP for there, run in pairs if there is not None]
+    changes = [((there - run.residuals) / AMBIENT_STEP).reshape(1, -1) for there, run in pairs if there is not None]
     return changes if len(changes) == len(linear) else []
 
 
-def beside(responses: Sequence[Matrix], project: Projection) -> Matrix:
-    """What is left of responses of each run (channels, k) alone, (runs, N)."""
-    return np.array([project(column) for column in block_diag(*(response.ravel() for response in responses))])
+def responses_to_lateness(problem: Problem, z: Vector, context: SearchContext) -> list[Matrix]:
+    """The change of each run's residuals, (commands, values), by one standard deviation of when each of its commands takes
+    effect; none where they know that, where they have too many, or where the model cannot be run."""
+    differing, start = with_difference(problem, z, LATE_COMMANDS)
+    changes = [run.groups for run in differing.runs]
+    if LATE_COMMANDS in problem.differences or max(changes) > MAX_SWITCHES or not any(changes):
+        return []
+    at = len(problem.shared)
+    moving = replace(differing, config=problem.fitted(z), free=(), delay=differing.delay_at(start))
+    try:
+        linear = linearize(moving, start[at:], context.pool)
+    except SimulationError:
+        return []
+    return [
+        there.jacobian[moving.places(run, SWITCH)].reshape(run.groups, run.measured.size)
+        for there, run in zip(linear, moving.runs, strict=True)
+    ]
+
+
+def left_of(responses: Sequence[Matrix], project: Projection) -> Matrix:
+    """What is left of responses of each run (m, values) alone, (all of them, N)."""
+    return np.array([project(column) for column in block_diag(*responses)])
 
 
 def gain(columns: Matrix, residuals: Vector) -> float:
