@@ -22,7 +22,7 @@ DIFFERENT = 0.1  # relative difference of a parameter that is shown of another m
 def remarks_on(found: Calibration) -> list[str]:
     """All of them, what weakens the numbers first."""
     remarks = [sentence] if (sentence := misfit_sentence(found.error)) else []
-    if found.rtol > FINAL_RTOL:
+    if found.rtol > FINAL_RTOL and found.free:
         begin = f'With these parameters runs cannot be made at the tolerance of a last fit, {FINAL_RTOL:g}'
         remarks.append(f'{begin}: errors and intervals are those of {found.rtol:g}')
     remarks += [f'not determined by these data: {name}' for name in (found.uncertainty.unseen if found.uncertainty else ())]

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, lsq_linear
 from scipy.optimize import minimize as scipy_minimize
 
 from sma_sim.evidence.estimation import levenberg_marquardt, plausibility
@@ -330,6 +330,18 @@ def test_a_step_stays_within_bounds_and_is_the_best_there():
         for j in range(1, 4):
             inside = low[j] + 1e-9 < step[j] < high[j] - 1e-9
             assert abs(slope[j]) < 1e-8 if inside else slope[j] * np.sign(step[j]) <= 1e-8
+
+
+def test_a_step_with_many_unknowns_at_bounds_is_that_of_another_method():
+    for seed in range(50):
+        random = np.random.default_rng(seed)
+        A = random.normal(size=(40, 20)) * 10.0 ** random.uniform(-2.0, 2.0, 20)
+        b, (low, high) = random.normal(size=40), np.sort(random.normal(size=(2, 20)), axis=0)
+        low, high = np.minimum(low, 0.0), np.maximum(high, 0.0)
+        step = bounded_step(A.T @ b, A.T @ A, 0.0, low, high)
+        other = lsq_linear(A, -b, (low - 1e-12, high + 1e-12), method='bvls').x
+        assert (step >= low).all() and (step <= high).all()
+        assert np.linalg.norm(A @ step + b) <= np.linalg.norm(A @ other + b) * (1.0 + 1e-9)
 
 
 def test_a_start_is_the_middle_or_the_guess_within_bounds(curves):

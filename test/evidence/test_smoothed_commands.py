@@ -11,7 +11,7 @@ from systems import active, make_model
 
 from sma_sim import Dataset, FitOptions, Recording, module_input, simulate
 from sma_sim.evidence.estimation import residuals
-from sma_sim.evidence.estimation.calibrate import checked_nearby, final_fit, problem_for
+from sma_sim.evidence.estimation.calibrate import FINAL_RTOL, calibrate, checked_nearby, final_fit, problem_for
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize
 from sma_sim.evidence.estimation.problem import cost_at, linearize, near, near_point, residuals_at, start_point
 from sma_sim.evidence.estimation.residuals import (
@@ -26,6 +26,7 @@ from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import ALL_SAMPLES, FROM_PRIORS, SETTLED
 from sma_sim.evidence.estimation.uncertainty import checked_by_runs, information_of, uncertainty
 from sma_sim.solver.model import Model
+from sma_sim.words.fit_remarks import remarks_on
 
 DURATION = 20.0
 NOISE = {'U_y': 2e-5, 'alpha': 3.5e-4, 'F_1': 0.05, 'F_2': 0.05}
@@ -121,7 +122,8 @@ def test_small_steps_of_a_fit_keep_what_lines_lack(pool, row_by_row):
 
 
 def test_delay_and_starts_alone_are_not_estimated_row_by_row(pool):
-    """Beside a model whose parameters are kept: one minimisation comes as near as the last fit leaves open."""
+    """Beside a model whose parameters are kept: one minimisation comes as near as the last fit leaves open, at the tolerance
+    of the runs that are shown, and no remark says that a smaller one could not be kept."""
     model, dataset = fitted_loop('hybrid')
     options, context, iterations = FitOptions(free=()), SearchContext(pool, Event()), []
     problem = problem_for(dataset, model.config, options, 1)
@@ -131,6 +133,11 @@ def test_delay_and_starts_alone_are_not_estimated_row_by_row(pool):
     assert iterations.count(0) == 1 and last.problem.runs[0].leeway is None
     by_rows = minimize(last.problem, found.z, ALL_SAMPLES, context)
     assert last.cost < by_rows.cost + 0.03 and np.abs(last.delay - by_rows.delay) < 1e-3
+    assert last.problem.config.parameters['solver.rtol'] == model.config.parameters['solver.rtol']
+    finer = minimize(last.problem.at_tolerance(FINAL_RTOL), found.z, ALL_SAMPLES, context)
+    assert last.cost == pytest.approx(finer.cost, rel=1e-3) and last.delay == pytest.approx(finer.delay, abs=1e-4)
+    remarks = remarks_on(calibrate(dataset, model.config, options, pool))
+    assert not any('tolerance' in remark for remark in remarks)
 
 
 def test_commands_are_smoothed_as_far_as_noise_hides_it(pool):

@@ -468,11 +468,12 @@ def continued_fit(
 def final_fit(dataset: Dataset, fit: FitResult, options: FitOptions, context: SearchContext) -> FitResult:
     """The fit continued on all samples, the parameters free within the same bounds.
 
-    At the tolerance of the search where its parameters, which may be implausible, let no run be made at a smaller one.
+    At the tolerance of the search where its parameters, which may be implausible, let no run be made at a smaller one, and
+    where none is free: delay and starts need no more than the runs that are shown beside the recordings.
     """
     whole = full_problem(dataset, fit, options)
     try:
-        found = fitted_to_all(whole.at_tolerance(FINAL_RTOL), fit, context)
+        found = fitted_to_all(whole.at_tolerance(FINAL_RTOL) if whole.free else whole, fit, context)
     except SimulationError:
         problem = whole.at_tolerance(fit.problem.config.parameters['solver.rtol'])
         return continued_fit(fit, problem, fit.z, ALL_SAMPLES, context, 'all samples')

@@ -9,7 +9,7 @@ from functools import partial
 from math import inf
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_solve, cholesky, solve_triangular
+from scipy.linalg import LinAlgError, cho_solve, cholesky
 
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.problem import (
@@ -43,6 +43,7 @@ SECANT_DAMPING, SECANT_DAMPING_FLOOR = 10.0, 1e-3  # factor after a step that ga
 MAX_KEPT = 2**26  # [bytes] of derivatives that are kept to bend steps and for those without a linearisation: of 17 runs of
 # 100 s at 50 Hz
 MAX_BEND = 0.75  # twice the length of a bend over that of its step: where it is more, the second order does not hold
+MAX_EXCHANGES = 10  # of unknowns at bounds with free ones, for each unknown: few are made
 COST_FLOOR = 1e-9  # per sample; below it only the solver's error is fitted
 
 
@@ -72,17 +73,34 @@ def with_early_stopping(context: SearchContext, is_lost: Callable[[Sequence[floa
 
 
 def bounded_step(gradient: Vector, hessian: Matrix, damping: float, low: Vector, high: Vector) -> Vector:
-    """The step that minimises the damped quadratic model within bounds (low < 0 < high, or equal)."""
-    damped = hessian + damping * np.eye(len(gradient))
-    factor = cholesky(damped, lower=False)
-    free: Vector = -cho_solve((factor, False), gradient)
-    if np.all((free >= low) & (free <= high)):
-        return free
-    from scipy.optimize import lsq_linear  # only here: it takes long to import, and few steps meet a bound
+    """The step that minimises the damped quadratic model within bounds (low <= 0 <= high).
 
-    target = -solve_triangular(factor, gradient, trans='T')
-    step: Vector = lsq_linear(factor, target, (np.minimum(low, -1e-12), np.maximum(high, 1e-12)), method='bvls').x
-    return np.clip(step, low, high)
+    An active-set method (Nocedal and Wright, Numerical Optimization, 16.5): unknowns are held at their bounds, and one after
+    the other is freed from where the slope leads inward, the steepest first. Raises LinAlgError where there is no minimum.
+    """
+    damped = hessian + damping * np.eye(len(gradient))
+    step: Vector = -cho_solve((cholesky(damped, lower=False), False), gradient)
+    if np.all((step >= low) & (step <= high)):
+        return step
+    step, free, most = np.zeros_like(step), low < high, 1.0
+    for _ in range(MAX_EXCHANGES * len(step)):
+        wanted = step.copy()
+        wanted[free] = np.linalg.solve(damped[np.ix_(free, free)], -(gradient + damped[:, ~free] @ step[~free])[free])
+        ends = np.clip(wanted, low, high)
+        beyond = ends != wanted
+        if beyond.any():  # first all of them are held, later the one that is met first
+            parts = np.divide(ends - step, wanted - step, out=np.ones_like(step), where=beyond)
+            part = max(most, float(parts.min()))
+            beyond &= parts <= part
+            step = np.where(beyond, ends, step + part * (wanted - step))
+            free &= ~beyond
+            continue
+        step, slope = wanted, gradient + damped @ wanted
+        inward = np.where(free | (low == high), 0.0, np.where(step >= high, slope, -slope))
+        if inward.max() <= 0.0:
+            break
+        free[inward.argmax()], most = True, 0.0
+    return step
 
 
 def minimize(problem: Problem, z: Vector, criteria: StopCriteria, context: SearchContext, label: str = '') -> FitResult:
