@@ -25,7 +25,8 @@ from sma_sim.evidence.estimation.problem import LinearizedRun, normal_equations,
 from sma_sim.evidence.estimation.recording_differences import zeros_of
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import Probe, candidates_for, with_effect
-from sma_sim.evidence.model_selection.score_tests import ScreeningResult, change_points, explained
+from sma_sim.evidence.model_selection.score_tests import ScreeningResult, explained
+from sma_sim.evidence.residual_analysis.change_points import change_points
 from sma_sim.evidence.search import beam, refine
 from sma_sim.evidence.search.beam import Book, Extension, parents
 from sma_sim.evidence.search.components import Catalogue, Component, catalogue_for, log_prior_of

@@ -25,8 +25,8 @@ PRIOR_STD = 0.5  # of the prior of a material parameter: weak beside the data, s
 NARROW_PRIOR_STDS = {'wire.l0': 0.02, 'beam.L': 0.02, 'plate.W': 0.1, 'wire.T0': 0.02, 'wire.r0': 0.1, 'beam.h': 0.1}
 # Where literature is as wide: moduli of NiTi 28 to 41 and 75 to 83 GPa (Dynalloy, Technical characteristics of Flexinol), of
 # plastics too; specific heat 322 (Jackson, Wagner and Wasilewski, NASA-SP 5110, 1972) to 837 J/(kg K) (Dynalloy); convection
-# from thin wires (Morgan, Adv. Heat Transfer 11 (1975) 199); damping is a guess.
-WIDTHS = {'modulus': 0.3, 'specific heat': 0.3, 'convection': 0.7, 'damping': 0.7}
+# from thin wires (Morgan, Adv. Heat Transfer 11 (1975) 199); damping of a mechanism is known to an order of magnitude.
+WIDTHS = {'modulus': 0.3, 'specific heat': 0.3, 'convection': 0.7, 'damping': 1.2}
 MATERIAL_NAMES = (
     'wire.E_A',
     'wire.E_M',
@@ -152,7 +152,7 @@ def free_parameter(name: str, value: float, declared: Parameter, std: float | No
         ends = declared.realistic if declared.realistic and std is None else ()
         realistic = max((abs(math.log(end / value)) for end in ends if end > 0.0), default=0.0)
         scale = max(scale, realistic / BOUND_STDS)
-        reach = BOUND_STDS if std is not None or name in NARROW_PRIOR_STDS else max(REACH, realistic) / scale
+        reach = BOUND_STDS if std is not None or name in NARROW_PRIOR_STDS else max(REACH, BOUND_STDS * scale, realistic) / scale
         plausible = GIVEN_STDS if std is not None else MAX_PRIOR_STDS if name in NARROW_PRIOR_STDS else PLAUSIBLE / scale
         bottom = max(-reach, math.log(low / value) / scale) if low > 0.0 else -reach
         top = min(reach, math.log(high / value) / scale)

@@ -15,11 +15,6 @@ class SelectionCriteria:
     probe_fraction: float = 0.3
     """Probe step as a fraction of a realistic range that begins at neutral: visible, and still in the linear part."""
 
-    # Score tests: two budgets of time
-    most_instants: int = 2000
-    tried_instants: int = 3
-    """Times at which residuals may change, and at how many of them an effect with an instant is probed."""
-
     # What counts as explained
     noise_only: float = 1.1
     """Error of the fitted runs below which nothing more is looked for in them: noise is estimated to some per cent only."""
