@@ -38,7 +38,7 @@ def change_points(problem: Problem, linear: Sequence[LinearizedRun]) -> list[flo
                 squares += np.concatenate([[0.0], np.cumsum(residuals[known] ** 2)])[before]
                 count += before
     ordered = sorted(evidence.values(), key=lambda shown: -float(shown.max()))
-    means = [float(times[np.argmax(shown)]) for shown in ordered[: PLAINEST]]
+    means = [float(times[np.argmax(shown)]) for shown in ordered[:PLAINEST]]
     return list(dict.fromkeys([*means, *burst(times, squares, count)]))
 
 
