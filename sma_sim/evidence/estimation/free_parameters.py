@@ -152,9 +152,8 @@ def free_parameter(name: str, value: float, declared: Parameter, std: float | No
         ends = declared.realistic if declared.realistic and std is None else ()
         realistic = max((abs(math.log(end / value)) for end in ends if end > 0.0), default=0.0)
         scale = max(scale, realistic / BOUND_STDS)
-        reach = (
-            BOUND_STDS if std is not None or name in NARROW_PRIOR_STDS else max(REACH, BOUND_STDS * scale, realistic) / scale
-        )
+        is_open = std is None and name not in NARROW_PRIOR_STDS
+        reach = max(BOUND_STDS, max(REACH, realistic) / scale if is_open else 0.0)
         plausible = GIVEN_STDS if std is not None else MAX_PRIOR_STDS if name in NARROW_PRIOR_STDS else PLAUSIBLE / scale
         bottom = max(-reach, math.log(low / value) / scale) if low > 0.0 else -reach
         top = min(reach, math.log(high / value) / scale)
