@@ -61,6 +61,18 @@ def test_what_vibrates_is_no_noise_of_a_filter():
     assert not found.is_low_pass and process_of([smoothed(random, 2000)], INTERVAL).is_low_pass
 
 
+def test_a_slow_swing_has_no_memory():
+    """Hum of the mains, whose alias by 50 Hz swings at 0.3 Hz: it counted as noise eleven times as large as stated."""
+    random, time, rows = np.random.default_rng(5), 0.02 * np.arange(500), 100
+    hum = [1.5 * np.sin(2.0 * np.pi * (50.3 * time + random.random())) + random.normal(size=500) for _ in range(5)]
+    memory = [smoothed(random, 400, 0.9) for _ in range(20)]
+    found = [
+        process_of([(one - uniform_filter1d(one, rows))[rows // 2 : -rows // 2] for one in some], 0.02, rows)
+        for some in (hum, memory)
+    ]
+    assert found[0] is None and found[1].std == pytest.approx(1.0, rel=0.1)
+
+
 def filtered(seeds, truth, white=0.0):
     """Recordings of a robot whose sensors have smoothed their noise; half as much again is white."""
     runs = []

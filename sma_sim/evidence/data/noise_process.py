@@ -53,6 +53,11 @@ class NoiseProcess:
         return float(self.density(np.zeros(1))[0])
 
     @property
+    def forgets(self) -> bool:
+        """Whether what it was at some time is forgotten."""
+        return abs(1.0 - float(np.sum(self.coefficients))) ** 2 > UNDAMPED
+
+    @property
     def is_low_pass(self) -> bool:
         """Whether it is strongest at low frequencies, as a filter leaves noise: what peaks elsewhere vibrates."""
         return bool(self.density(np.arange(FREQUENCIES + 1) / FREQUENCIES).max() < PEAK * self.at_zero)
@@ -67,7 +72,7 @@ class NoiseProcess:
 
 def process_of(stretches: Sequence[Vector], interval: float, mean_over: int = 0) -> NoiseProcess | None:
     """The process of which some stretches (k,) are, sampled at an `interval` [s]; None where it is white, or where they are
-    too short.
+    too short, or no process with a memory: a swing as long as a moving mean.
 
     `mean_over`: of how many samples a moving mean was taken from them. That takes S/mean_over from the autocovariance at
     every lag, S being the spectrum at frequency 0, which is given back.
@@ -85,7 +90,7 @@ def process_of(stretches: Sequence[Vector], interval: float, mean_over: int = 0)
             break
         before = process.at_zero
         process = autoregressive(covariance + before / mean_over, n, interval)
-    return process
+    return process if process is not None and process.forgets else None
 
 
 def autoregressive(covariance: Vector, n: int, interval: float) -> NoiseProcess | None:

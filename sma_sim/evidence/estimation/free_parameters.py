@@ -26,7 +26,7 @@ NARROW_PRIOR_STDS = {'wire.l0': 0.02, 'beam.L': 0.02, 'plate.W': 0.1, 'wire.T0':
 # Where literature is as wide: moduli of NiTi 28 to 41 and 75 to 83 GPa (Dynalloy, Technical characteristics of Flexinol), of
 # plastics too; specific heat 322 (Jackson, Wagner and Wasilewski, NASA-SP 5110, 1972) to 837 J/(kg K) (Dynalloy); convection
 # from thin wires (Morgan, Adv. Heat Transfer 11 (1975) 199); damping of a mechanism is known to an order of magnitude.
-WIDTHS = {'modulus': 0.3, 'specific heat': 0.3, 'convection': 0.7, 'damping': 1.2}
+WIDTHS = {'modulus': 0.3, 'specific heat': 0.3, 'convection': 0.7, 'damping': 1.0}
 MATERIAL_NAMES = (
     'wire.E_A',
     'wire.E_M',
