@@ -162,10 +162,10 @@ def test_further_starts_are_reported(small):
 
 
 def test_a_start_that_is_damped_less_passes_a_valley_that_holds_the_first():
-    case = make_challenge(24, 0, None, (), False, plan=RecordingPlan(duration=60.0, rate=10.0))
+    case = make_challenge(1, 0, None, (), False, plan=RecordingPlan(duration=60.0, rate=10.0))
     training = replace(case.dataset, recordings=case.dataset.recordings[:2])
     found = calibrate(training, case.nominal, FitOptions(kinetics='mas', intervals=False))
-    assert found.other_starts[0].excess > 10.0 and found.error < 1.005  # 1.03 where the first start leads
+    assert found.other_starts[0].excess > 10.0 and found.error < 1.005  # 1.009 where the first start leads
 
 
 def test_bounds_are_reported(small):

@@ -17,6 +17,7 @@ BOUND_STDS = 5.0  # bounds of a fit, in standard deviations of the prior
 MAX_PRIOR_STDS = 0.8  # by which a length or a temperature may differ from nominal, in standard deviations of its prior
 GIVEN_STDS = 3.0  # the same of a value whose standard deviation was given
 REACH = 2.5  # of the logarithm of a material parameter, by which a fit may move it: a factor of 12
+DAMPING_REACH = 5.0  # the same of damping, a factor of 150: of many mechanisms nobody knows the order of magnitude
 PLAUSIBLE = math.log(1.5)  # by which a logarithm may differ from the nominal value: robots of one design differ by less
 USUAL_STDS = 2.0  # of a prior as wide as what is usual: of normal values all but a twentieth lie within
 INSTANT_STD = 300.0  # [s] of the prior of an instant: it is anywhere in a recording
@@ -152,8 +153,8 @@ def free_parameter(name: str, value: float, declared: Parameter, std: float | No
         ends = declared.realistic if declared.realistic and std is None else ()
         realistic = max((abs(math.log(end / value)) for end in ends if end > 0.0), default=0.0)
         scale = max(scale, realistic / BOUND_STDS)
-        is_open = std is None and name not in NARROW_PRIOR_STDS
-        reach = max(BOUND_STDS, max(REACH, realistic) / scale if is_open else 0.0)
+        usual = DAMPING_REACH if is_damping(name) else REACH
+        reach = BOUND_STDS if std is not None or name in NARROW_PRIOR_STDS else max(usual, realistic) / scale
         plausible = GIVEN_STDS if std is not None else MAX_PRIOR_STDS if name in NARROW_PRIOR_STDS else PLAUSIBLE / scale
         bottom = max(-reach, math.log(low / value) / scale) if low > 0.0 else -reach
         top = min(reach, math.log(high / value) / scale)
@@ -166,13 +167,19 @@ def free_parameter(name: str, value: float, declared: Parameter, std: float | No
     )
 
 
+def is_damping(name: str) -> bool:
+    """Whether a parameter is a coefficient of damping."""
+    own = name.rpartition('.')[2]
+    return own.startswith('b_') or own == 'b'
+
+
 def default_width(name: str, declared: Parameter) -> float:
     """The relative standard deviation of the prior of a value of which nothing more is known."""
     kinds = {
         'modulus': declared.unit == 'Pa' and name.rpartition('.')[2].startswith('E'),
         'specific heat': name == 'wire.c_V',
         'convection': name == 'wire.lambda',
-        'damping': name.rpartition('.')[2].startswith('b_') or name.rpartition('.')[2] == 'b',
+        'damping': is_damping(name),
     }
     kind = next((kind for kind, holds in kinds.items() if holds), '')
     return NARROW_PRIOR_STDS.get(name, WIDTHS.get(kind, PRIOR_STD))
