@@ -73,7 +73,8 @@ def test_what_is_no_prior_is_said(word, said):
 
 
 def test_widths_by_kind():
-    """Geometry tight, moduli in the middle, convection and damping wide; all but geometry may move by a factor of twelve, damping by more."""
+    """Geometry tight, moduli in the middle, convection and damping wide; all but geometry may move by a factor of twelve,
+    damping by more."""
     names = ('wire.l0', 'wire.E_A', 'beam.E', 'wire.c_V', 'wire.sigma_MW0', 'wire.lambda', 'beam.b_y')
     free = free_of(config(), *names)
     assert [free[name].scale for name in names] == [0.02, 0.3, 0.3, 0.3, 0.5, 0.7, 1.0]
