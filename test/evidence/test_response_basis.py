@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 from sma_sim.evidence.estimation.problem import LinearizedRun
 from sma_sim.evidence.estimation.projection import Projection
@@ -107,3 +108,8 @@ def test_products_of_many_responses_are_those_of_what_is_left_of_each(tempering)
         if left is not None:
             assert (product, square) == pytest.approx((left @ vector, left @ left), rel=1e-9)
     assert np.isnan(products).tolist() == [False] * 5 + [True] * 2
+    own = [random.normal(size=(2, 60)), random.normal(size=(1, 60))]
+    left = np.array([project(column) for column in block_diag(*own)])
+    squares, products = project.products_of_runs(own)
+    assert squares == pytest.approx(left @ left.T, rel=1e-9, abs=1e-9)
+    assert products == pytest.approx(left @ project.residuals, rel=1e-9)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from sma_sim.evidence.estimation.problem import LinearizedRun, accumulated, normal_equations
 from sma_sim.model.arrays import Matrix, Vector
@@ -60,6 +61,19 @@ class Projection:
         seen = (before > 0.0) & (squares >= MIN_UNABSORBED * before)
         left = responses @ with_what - absorbed @ self._scores(with_what)
         return np.where(seen, left, np.nan), np.where(seen, squares, np.nan)
+
+    def products_of_runs(self, responses: Sequence[Matrix]) -> tuple[Matrix, Vector]:
+        """What is left of responses (m, values) that each run has alone: its products with itself, (all of them, all), and
+        with the residuals, (all,). What is left itself would take as much memory as all runs for each of them."""
+        scores, shown, first = np.zeros((sum(map(len, responses)), len(self._inverse))), list[Vector](), 0
+        for run, own in zip(self._linear, responses, strict=True):
+            scores[first : first + len(own), run.indices] = own @ run.jacobian.reshape(len(run.indices), -1).T
+            shown.append(own @ run.residuals.ravel())
+            first += len(own)
+        absorbed = scores @ self._inverse
+        before = block_diag(*(own @ own.T for own in responses))
+        squares = before - absorbed @ scores.T - self._prior * absorbed @ absorbed.T
+        return squares, np.concatenate(shown) - absorbed @ self._scores(self.residuals)
 
     def visible(self, response: Vector) -> Vector | None:
         """The part that is left; None where the channels do not see the response, or all of it can be absorbed."""

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from sma_sim.evidence.estimation.motion_before import motion_before
 from sma_sim.evidence.estimation.problem import AMBIENT as ROOM
@@ -54,11 +53,10 @@ def promises(problem: Problem, z: Vector, context: SearchContext) -> dict[Record
         return moving
     project = Projection(linear, len(z), problem.tempering)
     found = promised_zeros(problem, project)
+    others = {LATE_COMMANDS: responses_to_lateness(problem, z, context)}
     if not problem.differences:
-        responses = responses_to_ambient(problem, z, linear, context)
-        found |= {AMBIENT: gain(left_of(responses, project), project.residuals)} if responses else {}
-    responses = responses_to_lateness(problem, z, context)
-    found |= {LATE_COMMANDS: gain(left_of(responses, project), project.residuals)} if responses else {}
+        others[AMBIENT] = responses_to_ambient(problem, z, linear, context)
+    found |= {one: gain(*project.products_of_runs(responses)) for one, responses in others.items() if responses}
     for side in (1, -1):
         found |= unpowered_side(problem, z, linear, side, context)
     return {one: taken for one, taken in (found | moving).items() if one.words not in known}
@@ -71,21 +69,25 @@ def promised_zeros(problem: Problem, project: Projection) -> dict[RecordingDiffe
     sizes = dict(zip(structure.channels, channel_scales(structure), strict=True))
     known = {name for run in problem.runs for name, std in zip(run.channels, run.zero_std, strict=False) if std > 0.0}
     stds = {name: ZERO_PART * sizes[name] for run in problem.runs for name in run.channels if name not in known}
-    columns = {
-        name: left_of(
-            [std * (run.weight * (np.array(run.channels) == name)[:, None]).reshape(1, -1) for run in problem.runs], project
-        ) for name, std in stds.items()
-    }  # fmt: skip
+    if not stds:
+        return {}
+    responses = [
+        np.array([std * (run.weight * (np.array(run.channels) == name)[:, None]).ravel() for name, std in stds.items()])
+        for run in problem.runs
+    ]
+    squares, products = project.products_of_runs(responses)
+    of_channel = {name: np.arange(k, len(products), len(stds)) for k, name in enumerate(stds)}
     chosen, score, found = list[str](), 0.0, dict[RecordingDifference, float]()
     while rest := [name for name in stds if name not in chosen]:
-        together = {name: np.concatenate([columns[one] for one in (*chosen, name)]) for name in rest}
-        scores = {name: gain(some, project.residuals) - log_volume(some) for name, some in together.items()}
+        rows = {name: np.concatenate([of_channel[one] for one in (*chosen, name)]) for name in rest}
+        parts = {name: (squares[np.ix_(at, at)], products[at]) for name, at in rows.items()}
+        scores = {name: gain(*part) - log_volume(part[0]) for name, part in parts.items()}
         best = max(rest, key=scores.__getitem__)
         if scores[best] <= score:
             break
         chosen, score = [*chosen, best], scores[best]
         several = zeros_of({name: std for name, std in stds.items() if name in chosen})
-        found = dict([*list(found.items())[:1], (several, gain(together[best], project.residuals))])
+        found = dict([*list(found.items())[:1], (several, gain(*parts[best]))])
     return found
 
 
@@ -122,20 +124,15 @@ def responses_to_lateness(problem: Problem, z: Vector, context: SearchContext) -
     ]
 
 
-def left_of(responses: Sequence[Matrix], project: Projection) -> Matrix:
-    """What is left of responses of each run (m, values) alone, (all of them, N)."""
-    return np.array([project(column) for column in block_diag(*responses)])
+def gain(squares: Matrix, products: Vector) -> float:
+    """By how much the squares decrease if each of some responses has an amount, under a standard normal prior: by products
+    of what is left of these with each other (m, m) and with the residuals (m,)."""
+    return float(products @ np.linalg.solve(squares + np.eye(len(products)), products))
 
 
-def gain(columns: Matrix, residuals: Vector) -> float:
-    """By how much the squares decrease if each of some responses (m, N) has an amount, under a standard normal prior."""
-    score = columns @ residuals
-    return float(score @ np.linalg.solve(columns @ columns.T + np.eye(len(columns)), score))
-
-
-def log_volume(columns: Matrix) -> float:
+def log_volume(squares: Matrix) -> float:
     """By how much these amounts are better known then than before: twice what they cost a score."""
-    return float(np.linalg.slogdet(columns @ columns.T + np.eye(len(columns)))[1])
+    return float(np.linalg.slogdet(squares + np.eye(len(squares)))[1])
 
 
 def unpowered_side(
