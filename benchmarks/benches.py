@@ -135,7 +135,7 @@ def write_pulls(config: Config, folder: Path, random: np.random.Generator) -> li
     for k, T in enumerate(TEMPERATURES):
         strain = np.interp(t, [0.0, 100.0, 140.0, 180.0, 300.0], [0.0, random.uniform(0.03, 0.05), 0.02, 0.035, 0.0])
         values = np.column_stack([strain, np.full(len(t), T), np.zeros(len(t)), np.full(len(t), 298.0)])
-        source = Input(t, values, (True, True, False, False), config.structure.structure.input_columns)
+        source = Input(t, values, (True, True, False, False), config.structure.input_columns)
         run, drift = simulate(Model(config), source, t), 3e6 * random.normal() * (t / t[-1] - 0.5)
         stress = run['stress_Pa'] + 3e6 * random.normal() + drift + 2e5 * random.normal(size=len(t))
         resistance = run['R_ohm'] + 3e-3 * random.normal(size=len(t))
@@ -205,7 +205,7 @@ def drawn(kind: str, effects: list[str], number: int) -> tuple[Config, Config, D
     nominal, real = bench(kind, []), truth(kind, effects, random)
     with tempfile.TemporaryDirectory() as folder:
         files = write_runs(kind, real, Path(folder), random)
-        dataset = dataset_of(kind, files, nominal.structure.structure.name)
+        dataset = dataset_of(kind, files, nominal.structure.name)
     training, held_out = split_dataset(dataset, ['run2'])
     assert held_out is not None
     return nominal, real, training, held_out

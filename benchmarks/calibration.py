@@ -65,6 +65,7 @@ from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.evidence.search.posterior import Posterior
 from sma_sim.evidence.search.score import SPARSITY, Evidence, evidence_of
 from sma_sim.model.config import Config
+from sma_sim.model.effects.conversion import effect_on
 from sma_sim.model.effects.discovery import ActiveEffect, find_effects
 from sma_sim.model.effects.scope import FORM, SEPARATOR
 from sma_sim.report.palette import BLUE, GREY
@@ -234,8 +235,8 @@ def as_simulated(hidden: Hidden, nominal: Config) -> tuple[ActiveEffect, ...]:
     """The effects of a law; one of the sensors is the listed effect, at its defaults."""
     if hidden.truth.sensor is None:
         return hidden.truth.active(hidden.values)
-    found = find_effects()[hidden.truth.library].on(nominal.structure.structure)
-    return (ActiveEffect(found, tuple(p.default for p in found.effect.parameters)),)
+    effect = effect_on(find_effects()[hidden.truth.library], nominal.structure)
+    return (ActiveEffect(effect, tuple(p.default for p in effect.parameters)),)
 
 
 def evidence_with(
@@ -245,8 +246,8 @@ def evidence_with(
     nominal fit's."""
     fit, chosen = nominal, list(laws)
     for active in (one for law in chosen for one in law):
-        values = {p.name: value for p, value in zip(active.found.effect.parameters, active.values, strict=True)}
-        problem, z = with_candidate(fit, ScreeningResult(Candidate(active.found, ()), 0.0, values))
+        values = {p.name: value for p, value in zip(active.effect.parameters, active.values, strict=True)}
+        problem, z = with_candidate(fit, ScreeningResult(Candidate(active.effect, ()), 0.0, values))
         fit = FitResult(problem, z, math.inf)
     starts = (fit.z, at_values(fit.problem, fit.z, robot.parameters))
     found = [one for z in starts if (one := refit(fit.problem, z, context, ADDED_EFFECT)) is not None]

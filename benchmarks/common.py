@@ -34,7 +34,7 @@ def random_command(seed: int) -> Input:
 def module(model: str, rtol: float, effects: tuple[str, ...] = ()) -> Model:
     """The paper's module at a tolerance, with effects at their default values."""
     found = find_effects()
-    active = tuple(ActiveEffect(found[n], tuple(p.default for p in found[n].effect.parameters)) for n in effects)
+    active = tuple(ActiveEffect(found[n], tuple(p.default for p in found[n].parameters)) for n in effects)
     return Model(Config(default_parameters() | {'solver.rtol': rtol}, 'module', model, active))
 
 

@@ -165,7 +165,7 @@ def solve(seed: int, duration: float, pool: Executor) -> dict[str, Any]:
     """All controllers on one robot."""
     truth = choose(seed)
     case = challenge_with((truth,), seed, True, PLAN)
-    effect = package_effects()[truth.library].effect
+    effect = package_effects()[truth.library]
     models = {'nominal': case.nominal}
     start = Config(case.nominal.parameters, effects=[effect()])
     options = FitOptions(kinetics='hybrid', intervals=False)

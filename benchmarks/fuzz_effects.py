@@ -17,7 +17,8 @@ import numpy as np
 from common import report
 
 from sma_sim import Config, Input, Model, default_parameters, find_effects, module_input, simulate
-from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect
+from sma_sim.model.effects.discovery import ActiveEffect
+from sma_sim.model.effects.effect import Effect
 
 DURATION = 40.0  # [s]
 LARGEST = 30.0  # [W]
@@ -25,14 +26,14 @@ STEPS = 8  # changes of a random command
 TIMES = np.linspace(0.0, DURATION, 401)
 
 
-def random_effect(found: FoundEffect, random: np.random.Generator) -> ActiveEffect:
+def random_effect(effect: Effect, random: np.random.Generator) -> ActiveEffect:
     """An effect with values from its realistic ranges, one in four at an end of it."""
     values = []
-    for parameter in found.effect.parameters:
+    for parameter in effect.parameters:
         low, high = parameter.realistic or (parameter.default, parameter.default)
         part = random.uniform() if random.uniform() < 0.75 else random.integers(2)
         values.append(float(low + part * (high - low)))
-    return ActiveEffect(found, tuple(values))
+    return ActiveEffect(effect, tuple(values))
 
 
 def random_command(random: np.random.Generator) -> Input:
@@ -59,8 +60,8 @@ def drawn(k: int) -> tuple[Model, Input]:
 def described(model: Model) -> str:
     """The options that give this model on the command line."""
     effects = [
-        f'--effect {active.found.effect.name}:'
-        + ','.join(f'{p.name}={v!r}' for p, v in zip(active.found.effect.parameters, active.values, strict=True))
+        f'--effect {active.effect.name}:'
+        + ','.join(f'{p.name}={v!r}' for p, v in zip(active.effect.parameters, active.values, strict=True))
         for active in model.config.effects
     ]
     rtol = model.config.parameters['solver.rtol']

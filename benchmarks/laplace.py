@@ -100,9 +100,9 @@ def recorded(nominal: Config, candidate: Candidate, strength: float, seed: int) 
     parameters = {**nominal.parameters, **{name: nominal.parameters[name] * random.uniform(0.9, 1.1) for name in FREE}}
     values = tuple(
         p.default if p.neutral is None else float(p.neutral) + strength * (p.default - float(p.neutral))
-        for p in candidate.found.effect.parameters
+        for p in candidate.effect.parameters
     )
-    active = (ActiveEffect(candidate.found, values),) if strength else ()
+    active = (ActiveEffect(candidate.effect, values),) if strength else ()
     times = np.array([0.0, *np.sort(random.uniform(1.0, DURATION - 1.0, 3)), DURATION])
     levels = random.uniform(-12.0, 12.0, len(times))
     source = Input(times, np.column_stack([levels, np.full(len(times), T_E)]), (False, False))

@@ -106,7 +106,7 @@ def solve(kind: str, seed: int, off: float, pool: Executor) -> dict[str, Any]:
 
 def change_of(kind: str, config: Config, random: np.random.Generator) -> tuple[Config, float, Matrix, dict[str, float]]:
     """The model after the change, how much warmer the room is [K], what sensors show too much (channels,), and its size."""
-    zero, warmer = np.zeros(len(config.structure.structure.channels)), 0.0
+    zero, warmer = np.zeros(len(config.structure.channels)), 0.0
     if kind == 'fan':
         factor = float(random.uniform(1.1, 1.5))
         return config.variant({'wire.lambda': factor * config.parameters['wire.lambda']}), warmer, zero, {'factor': factor}

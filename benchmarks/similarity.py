@@ -70,15 +70,15 @@ def variants(system: str) -> dict[str, ActiveEffect]:
     """Every effect with one of its parameters off neutral, by name (and parameter, where it has several)."""
     made = {}
     for name, found in find_effects().items():
-        strengths = [p for p in found.effect.parameters if p.neutral is not None]
-        if not acts_on(found.effect, package_structures()[system].structure):
+        strengths = [p for p in found.parameters if p.neutral is not None]
+        if not acts_on(found, package_structures()[system]):
             continue
         for strength in strengths:
             neutral, upper = strength.neutral or 0.0, (strength.realistic or strength.bounds)[1]
             far = strength.default if strength.default != neutral else upper
             values = tuple(
                 neutral + 0.5 * (far - neutral) if p is strength else p.default if p.neutral is None else p.neutral
-                for p in found.effect.parameters
+                for p in found.parameters
             )
             made[f'{name}: {strength.name}' if len(strengths) > 1 else name] = ActiveEffect(found, values)
     return made

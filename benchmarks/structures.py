@@ -69,7 +69,7 @@ def runs_of(structure: Structure, kind: str, count: int) -> dict[str, Any]:
 
 def measure(arguments: argparse.Namespace) -> dict[str, Any]:
     """A row for each structure and kind of kinetics."""
-    structures = [found.structure for found in package_structures().values() if found.structure.coordinates]
+    structures = [found for found in package_structures().values() if found.coordinates]
     result: dict[str, Any] = {}
     for kind in ('hybrid', 'mas'):
         found = {structure.name: runs_of(structure, kind, arguments.runs) for structure in structures}

@@ -101,19 +101,18 @@ def sections() -> Iterator[str]:
     for title, group, parameters in GROUPS:
         yield section(f'## {title}', COLUMNS, [row(f'{group}.{p.name}', p) for p in parameters])
     yield '\n## Structures\n'
-    for name, found in sorted(package_structures().items()):
-        own = found.structure.declared
-        if own and found.structure.has_own_columns:
+    for name, structure in sorted(package_structures().items()):
+        own = structure.declared
+        if own and structure.has_own_columns:
             yield section(f'### {name}', COLUMNS, [row(full, p) for full, p in own.items()])
     yield COORDINATES
-    for name, found in sorted(package_structures().items()):
-        structure = found.structure
+    for name, structure in sorted(package_structures().items()):
         if structure.coordinates and structure.has_own_columns:
             rows = [coordinate_row(coordinate, structure) for coordinate in structure.coordinates]
             yield section(f'### Coordinates of {name}', COORDINATE_COLUMNS, rows)
     yield '\n## Effects\n\nTheir parameters are `effects.NAME.PARAMETER`.\n'
     for name, effect in find_effects().items():
-        yield section(f'### {name}', EFFECT_COLUMNS, map(effect_row, effect.effect.parameters))
+        yield section(f'### {name}', EFFECT_COLUMNS, map(effect_row, effect.parameters))
 
 
 def page() -> str:

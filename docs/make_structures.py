@@ -13,8 +13,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from sma_sim import Config, Model, find_structures
-from sma_sim.model.structures.discovery import FoundStructure
 from sma_sim.model.structures.drawing import Lines, Sketch, projected
+from sma_sim.model.structures.structure import Structure
 from sma_sim.report.palette import GREY, MODE_COLOURS
 from sma_sim.report.style import mode_legend, save, sized_figure
 from sma_sim.solver.columns import sample_columns
@@ -92,9 +92,9 @@ def main() -> None:
     print(PICTURE)
 
 
-def model_of(found: FoundStructure) -> Model:
+def model_of(structure: Structure) -> Model:
     """A structure at its default parameters."""
-    return Model(Config(system=found.structure.name, own_structure=found if found.files else None))
+    return Model(Config(system=structure.name, own_structure=structure if structure.files else None))
 
 
 if __name__ == '__main__':

@@ -11,7 +11,7 @@ def __getattr__(name: str) -> Effect:
     """The effect of this name."""
     found = package_effects()
     if name in found:
-        return found[name].effect
+        return found[name]
     raise UnknownNameError(f'sma_sim.effects has no {name}{suggestion(name, found)}; it has {", ".join(sorted(found))}')
 
 

@@ -11,7 +11,7 @@ def __getattr__(name: str) -> Structure:
     """The structure of this name."""
     found = package_structures()
     if name in found:
-        return found[name].structure
+        return found[name]
     raise UnknownNameError(f'sma_sim.structures has no {name}{suggestion(name, found)}; it has {", ".join(sorted(found))}')
 
 

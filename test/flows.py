@@ -23,15 +23,15 @@ Pose = namedtuple('Pose', MODULE.coordinate_names)
 def active(name, values=None, found=None):
     """An effect at its default values, or at the given ones (None keeps the default)."""
     one = (found or find_effects())[name]
-    values = values or [None] * len(one.effect.parameters)
-    pairs = zip(one.effect.parameters, values, strict=True)
+    values = values or [None] * len(one.parameters)
+    pairs = zip(one.parameters, values, strict=True)
     return ActiveEffect(one, tuple(p.default if value is None else value for p, value in pairs))
 
 
 def neutral(name):
     """An effect at its neutral values."""
     one = find_effects()[name]
-    return ActiveEffect(one, tuple(p.default if p.neutral is None else p.neutral for p in one.effect.parameters))
+    return ActiveEffect(one, tuple(p.default if p.neutral is None else p.neutral for p in one.parameters))
 
 
 def make_model(system='module', model='hybrid', effects=(), **parameters):

@@ -26,7 +26,7 @@ def isobaric_tests(truth, stresses, noise=1e-4, error_of_temperature=0.0):
     `error_of_temperature` [K]: by how much the specimen is hotter than its thermocouple, one half wave along a test.
     """
     times, random, runs = np.linspace(0.0, 3000.0, 121), np.random.default_rng(0), []
-    structure = truth.structure.structure
+    structure = truth.structure
     for stress in stresses:
         T = 360.0 + 120.0 * (1.0 - np.abs(times / 1500.0 - 1.0))
         apart = error_of_temperature * np.sin(np.pi * times / times[-1])

@@ -31,7 +31,7 @@ COMBINATIONS = [(system, kind) for system in ('wire', 'module') for kind in ('hy
 def active(name, found=None, **values):
     """An effect at its defaults, or at the given values."""
     effect = (found or find_effects())[name]
-    return ActiveEffect(effect, tuple(values.get(p.name, p.default) for p in effect.effect.parameters))
+    return ActiveEffect(effect, tuple(values.get(p.name, p.default) for p in effect.parameters))
 
 
 def make_model(system='module', kind='hybrid', effects=(), **parameters):

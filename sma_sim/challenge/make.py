@@ -236,5 +236,5 @@ def listed_parameters(hidden: Hidden, parameters: Mapping[str, float]) -> dict[s
     """The parameters of the package's effect that come nearest to a hidden one, with their units."""
     if hidden.truth.listed is None:
         return {}
-    units = {p.name: p.unit for p in package_effects()[hidden.truth.library].effect.parameters}
+    units = {p.name: p.unit for p in package_effects()[hidden.truth.library].parameters}
     return {name: (value, units[name]) for name, value in hidden.truth.listed(hidden.values, parameters).items()}

@@ -10,7 +10,7 @@ import importlib
 import math
 import pkgutil
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from inspect import getfile
 from pathlib import Path
@@ -20,7 +20,7 @@ import numpy as np
 
 import sma_sim.challenge.truths as package
 from sma_sim.model.arrays import Vector
-from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect
+from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.parameters import Parameter
 
@@ -58,7 +58,7 @@ class Truth:
     def active(self, values: Values) -> tuple[ActiveEffect, ...]:
         """Its effects with these values of the parameters, by name."""
         return tuple(
-            ActiveEffect(FoundEffect(effect, self.files, ('sma_sim.',)), tuple(values[p.name] for p in effect.parameters))
+            ActiveEffect(replace(effect, files=self.files), tuple(values[p.name] for p in effect.parameters))
             for effect in self.effects
         )
 

@@ -33,6 +33,6 @@ def run(arguments: argparse.Namespace) -> int:
     config = read_config(arguments.config, (), arguments.effects)
     text = parameter_file_at(arguments.out, config, folders_beside(arguments, arguments.out))
     write_whole(arguments.out, lambda file: file.write(text))
-    names = ', '.join(active.found.effect.name for active in config.effects)
+    names = ', '.join(active.effect.name for active in config.effects)
     print(f'Wrote {arguments.out}; active effects: {names}.')
     return 0

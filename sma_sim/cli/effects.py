@@ -40,10 +40,10 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.system:
         structure = named_structure(arguments)
         found = effects_on(found, arguments.names, structure)
-        arguments.names = arguments.names or [name for name, effect in found.items() if acts_on(effect.effect, structure)]
+        arguments.names = arguments.names or [name for name, effect in found.items() if acts_on(effect, structure)]
     else:
         found = with_scopes(found, arguments.names)
-    effects = [found[name].effect for name in chosen_names(arguments.names, found, EFFECTS)]
+    effects = [found[name] for name in chosen_names(arguments.names, found, EFFECTS)]
     print_list(effects, arguments.json, effect_data, effect_text)
     return 0
 
@@ -52,7 +52,7 @@ def named_structure(arguments: argparse.Namespace) -> Structure:
     """The structure that ``--system`` names. Raises UserError."""
     found = find_structures(structure_folders_of(arguments.config, arguments.words))
     (name,) = chosen_names([arguments.system], found, SYSTEMS)
-    return found[name].structure
+    return found[name]
 
 
 def effect_data(effect: Effect) -> dict[str, Any]:

@@ -146,7 +146,7 @@ def check_flags(values: Mapping[str, float], config: Config) -> None:
         if question.parameter in values and config.system != MODULE and question.parameter.startswith(('beam.', 'plate.'))
     ]
     if foreign:
-        own = ', '.join(config.structure.structure.declared)
+        own = ', '.join(config.structure.declared)
         raise UserError(f'--{foreign[0]}: a {config.system} has none; give its own with --set, which are {own}')
 
 
@@ -162,7 +162,7 @@ def config_with_values(arguments: argparse.Namespace, values: Mapping[str, float
 
 def print_robot_check(config: Config) -> None:
     """Say how the robot rests and what heating does to it. Raises UserError when it cannot stand."""
-    structure = config.structure.structure
+    structure = config.structure
     if not structure.coordinates:
         return
     announce_first_compilation()

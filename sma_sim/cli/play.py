@@ -82,7 +82,7 @@ def structure_for(arguments: argparse.Namespace) -> Structure | None:
     if not (arguments.system or arguments.config or arguments.words):
         return None
     words = [f'system={arguments.system}'] if arguments.system else []
-    return config_from(arguments, *words).structure.structure
+    return config_from(arguments, *words).structure
 
 
 def interface_in(arguments: argparse.Namespace) -> Interface:

@@ -82,7 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out.suffix == '.mcap':
         from sma_sim.evidence.data.rosbag.run_writer import write_mcap  # only here: it takes long to import
 
-        write_mcap(arguments.out, columns, config.structure.structure)
+        write_mcap(arguments.out, columns, config.structure)
     else:
         write_columns(arguments.out, columns)
     if arguments.jumps:
@@ -110,7 +110,7 @@ def check_rates(arguments: argparse.Namespace, config: Config) -> None:
         raise UserError(f'--integration-rate {steps:g}: expected 1 to 1e5 steps per second')
     if arguments.interpolation == 'linear':
         raise UserError('--integration-rate needs --interpolation hold: the node holds its command')
-    drives = config.structure.structure.drives
+    drives = config.structure.drives
     if drives and not is_bag(arguments.input):
         raise UserError(
             f'--integration-rate with a CSV file: {drives[0].name} is linear between the rows of a file, but the node takes '

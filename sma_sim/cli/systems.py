@@ -23,8 +23,8 @@ def add_parser(verbs: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Print all structures, or those that are named."""
     found = find_structures(structure_folders_of(arguments.config, arguments.words))
-    every = [name for name, each in found.items() if each.structure.has_own_columns]
-    structures = [found[name].structure for name in chosen_names(arguments.names or every, found, SYSTEMS)]
+    every = [name for name, each in found.items() if each.has_own_columns]
+    structures = [found[name] for name in chosen_names(arguments.names or every, found, SYSTEMS)]
     print_list(structures, arguments.json, structure_data, structure_text)
     return 0
 

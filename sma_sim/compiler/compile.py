@@ -15,7 +15,7 @@ import hashlib
 import os
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
 from threading import RLock
@@ -156,6 +156,12 @@ def text_of(code: CodeType) -> str:
     """A code object as text, without where it was written: a cell of a notebook has another name every time."""
     constants = [text_of(one) if isinstance(one, CodeType) else repr(one) for one in code.co_consts]
     return f'{code.co_name} {code.co_code.hex()} {code.co_names} {code.co_varnames} {constants}'
+
+
+def compiled_with(files: Iterable[Path], *functions: Callable[..., Any] | None) -> tuple[str, ...]:
+    """Prefixes of the modules whose functions are compiled with kernels: this package's, their own, those in their files."""
+    modules = {function.__module__.partition('.')[0] for function in functions if function is not None}
+    return (*OWN, *sorted(modules - {_PACKAGE.name}), *(file.stem for file in files))
 
 
 def user_cache() -> Path:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sma_sim.compiler.compile import OWN, Compiler, carray, code_of, content_key, first_lines_of, write_source
+from sma_sim.compiler.compile import Compiler, carray, code_of, compiled_with, content_key, first_lines_of, write_source
 from sma_sim.compiler.fields_read import check_fields, check_scope, fields_read, warn_of_old_names
 from sma_sim.compiler.kernel_text import (
     KernelTypes,
@@ -24,12 +24,12 @@ from sma_sim.compiler.kernel_text import (
     part_of,
     wrapper_text,
 )
-from sma_sim.model.effects.discovery import EffectError, FoundEffect
+from sma_sim.model.effects.conversion import effect_on
+from sma_sim.model.effects.discovery import EffectError
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.meaning import FUNCTIONS, POSE, acting_coordinates
 from sma_sim.model.effects.ports import CHANNELS, PORT_MAY_RETURN_ONE, PORT_NAMES, PORT_OUTPUTS, S_POSE, State
 from sma_sim.model.parameters import BeamConstants, WireConstants
-from sma_sim.model.structures.discovery import FoundStructure, package_structures
 from sma_sim.model.structures.module import STRUCTURE as MODULE
 from sma_sim.model.structures.structure import Place, Structure, numbers, record
 
@@ -50,7 +50,7 @@ class NativeEffect(NamedTuple):
         return value, rate, start
 
 
-def native_effect(found: FoundEffect, on: FoundStructure | None = None) -> NativeEffect:
+def native_effect(effect: Effect, on: Structure | None = None) -> NativeEffect:
     """Compile the kernels of an effect, or load them when these very sources were compiled before.
 
     `on` is the structure where its coordinates or constants are not those of the module (`own_kernels`).
@@ -58,28 +58,26 @@ def native_effect(found: FoundEffect, on: FoundStructure | None = None) -> Nativ
     An effect in a scope has the kernels of the effect itself. Raises EffectError when a kernel cannot be compiled, or reads
     what is not known yet, or what keeps the wires from sharing its states in a scope where they do.
     """
-    if found.plain is not None:
-        check_scope(found.effect)
-    plain = found.plain or found
-    if plain.effect.needs and on is None:
-        on = package_structures()['module']
-    effect = plain.effect
-    if on is not None and (effect.by_channel or effect.each_bundle or effect.in_space or effect.kernels):
-        plain = plain.on(on.structure)
+    if effect.plain is not None:
+        check_scope(effect)
+    plain = effect.plain or effect
+    if plain.needs and on is None:
+        on = MODULE
+    if on is not None and (plain.by_channel or plain.each_bundle or plain.in_space or plain.kernels):
+        plain = effect_on(plain, on)
     return _native_effect(plain, on)
 
 
 @cache
-def _native_effect(found: FoundEffect, on: FoundStructure | None) -> NativeEffect:
-    effect = found.effect
+def _native_effect(effect: Effect, on: Structure | None) -> NativeEffect:
     check_fields(effect)
-    if found.packages != OWN:
+    if effect.is_own:
         warn_of_old_names(effect)
-    files, packages = (on.files, on.packages) if on else ((), ())
-    called = [function_of(on.structure, name) for name in FUNCTIONS] if on else []
-    code = code_of(effect.kernel, effect.rate, effect.start, *called)
-    compiler = Compiler(content_key(*found.files, *files, code=code), (*found.packages, *packages))
-    kinds = kernel_types(effect, on.structure if on else None)
+    files = (*effect.files, *(on.files if on else ()))
+    called = [function_of(on, name) for name in FUNCTIONS] if on else []
+    functions = (effect.kernel, effect.rate, effect.start, *called)
+    compiler = Compiler(content_key(*files, code=code_of(*functions)), compiled_with(files, *functions))
+    kinds = kernel_types(effect, on)
     states = len(effect.states)
     built: list[Any] = []
     for role, kernel, outputs in (
@@ -92,10 +90,10 @@ def _native_effect(found: FoundEffect, on: FoundStructure | None) -> NativeEffec
             built.append(None)
             continue
         one = OneKernel(role, kernel, outputs, memory)
-        if role == 'value' and found.packages != OWN:
+        if role == 'value' and effect.is_own:
             check_neutral(effect, one, kinds)
         text = (force_text if effect.needs else wrapper_text)(effect, one, kinds, returns_tuple(effect, one, kinds))
-        built.append(_native(effect, one, kinds, text, compiler, f'_{on.structure.name}' if on else ''))
+        built.append(_native(effect, one, kinds, text, compiler, f'_{on.name}' if on else ''))
     return NativeEffect(*built)
 
 

@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sma_sim.compiler.compile import Compiler, carray, code_of, content_key, first_lines_of, write_source
+from sma_sim.compiler.compile import Compiler, carray, code_of, compiled_with, content_key, first_lines_of, write_source
 from sma_sim.model.arrays import Vector
 from sma_sim.model.layout import O_DEPS, O_DL, O_EPS, O_F, O_LENGTH, O_RATIO, O_V, RANGE
 from sma_sim.model.parameters import is_number
-from sma_sim.model.structures.discovery import FoundStructure, StructureError
+from sma_sim.model.structures.discovery import StructureError
 from sma_sim.model.structures.structure import Place, Structure, numbers, record
 
 SERIES = 'QVF'  # letters of the coordinates, their rates and the forces of all segments in series
@@ -50,18 +50,17 @@ class Kernel(NamedTuple):
 
 
 @cache
-def native_structure(found: FoundStructure) -> NativeStructure:
+def native_structure(structure: Structure) -> NativeStructure:
     """Compile the kernels of a structure, or load them when these very sources were compiled before.
 
     Raises StructureError where one fails, cannot be compiled, returns another number of values, or where a gradient is not
     that of the lengths.
     """
-    structure = found.structure
     if not structure.coordinates:
         return NativeStructure(None, None, None)
     kernels = checked_kernels(structure)
-    code = code_of(*(kernel.python for kernel in kernels.values()))
-    compiler = Compiler(content_key(*found.files, code=code), found.packages)
+    functions = [kernel.python for kernel in kernels.values()]
+    compiler = Compiler(content_key(*structure.files, code=code_of(*functions)), compiled_with(structure.files, *functions))
     texts = (kinematics_text(structure, kernels), speeds_text(structure), motion_text(structure, kernels))
     return NativeStructure(*(compiled(structure, text, kernels, compiler) for text in texts))
 

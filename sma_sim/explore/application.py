@@ -69,7 +69,7 @@ class Application:
         config = self.session.config()
         try:
             text = (self.session.folder / COMMAND_FILE).read_text(encoding='utf-8')
-            return command_from(json.loads(text), config.structure.structure)
+            return command_from(json.loads(text), config.structure)
         except (OSError, ValueError, RecursionError, UserError):
             return first_command(config)
 
@@ -86,7 +86,7 @@ class Application:
         """All that the page shows beside curves."""
         changes = self._changes  # read first: what follows is at least as new
         config = self.session.config()
-        structure = config.structure.structure
+        structure = config.structure
         return {
             'changes': changes,
             'steps': self.data.state(),
@@ -154,7 +154,7 @@ class Application:
 
     def set_command(self, body: Body) -> Reply:
         """Another command."""
-        command = command_from(body.get('command'), self.session.config().structure.structure)
+        command = command_from(body.get('command'), self.session.config().structure)
         self.run(self.session.config(), command)
         self._command = command
         text = json.dumps(command.as_data())
@@ -214,7 +214,7 @@ class Application:
         group, _, rest = name.partition('.')
         if name == 'model' and value in MODELS:
             return str(value)
-        declared = name in self.session.config().structure.structure.all_parameters or name in OF_MAS
+        declared = name in self.session.config().structure.all_parameters or name in OF_MAS
         if group == 'effects':
             declared = rest.partition('.')[0].partition('@')[0] in self._known and bool(rest.partition('.')[2])
         if not declared or group in LEFT_OUT:

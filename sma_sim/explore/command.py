@@ -71,7 +71,7 @@ def columns_of(structure: Structure) -> tuple[str, ...]:
 
 def first_command(config: Config) -> Command:
     """A command that shows the motion: one bundle is heated, then the other; what is imposed goes up and down."""
-    structure, columns = config.structure.structure, columns_of(config.structure.structure)
+    structure, columns = config.structure, columns_of(config.structure)
     drives = [drive.column for drive in structure.drives]
     signs = (0.0, 1.0, 0.0, -1.0, 0.0, 0.0)
     times = (0.0, 5.0, 25.0, 45.0, 65.0, 100.0)
@@ -151,7 +151,7 @@ def row_from(row: Any, columns: Sequence[str]) -> tuple[float, ...]:
 
 def input_of(command: Command, config: Config) -> Input:
     """The input that a command means, at the ambient temperature of the parameters. Raises UserError."""
-    structure = config.structure.structure
+    structure = config.structure
     columns, names = columns_of(structure), structure.input_columns
     linear = [name in [drive.column for drive in structure.drives] for name in columns]
     T_E = config.parameters['environment.T_E']

@@ -9,7 +9,7 @@ from typing import Any
 from sma_sim.compiler.fields_read import forms_of_law
 from sma_sim.explore.request_values import json_number
 from sma_sim.model.config import MODELS, Config
-from sma_sim.model.effects.discovery import FoundEffect
+from sma_sim.model.effects.conversion import effect_on
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.meaning import acts_on
 from sma_sim.model.parameter_file import groups_of
@@ -31,9 +31,9 @@ PORT_TITLES = {
 }
 
 
-def controls_of(config: Config, known: Mapping[str, FoundEffect]) -> dict[str, Any]:
+def controls_of(config: Config, known: Mapping[str, Effect]) -> dict[str, Any]:
     """All that can be changed, for JSON; `known` are the effects by name, those in folders of the user's among them."""
-    structure = config.structure.structure
+    structure = config.structure
     defaults = structure.default_values
     groups = [
         {
@@ -55,7 +55,7 @@ def controls_of(config: Config, known: Mapping[str, FoundEffect]) -> dict[str, A
         'description': structure.description,
         'groups': groups,
         'effects': effects_data(config, known),
-        'active': [active.found.effect.name for active in config.effects],
+        'active': [active.effect.name for active in config.effects],
     }
 
 
@@ -104,16 +104,16 @@ def shown_unit(unit: str, size: float) -> tuple[int, str]:
     return (power, f'{PREFIXES[power]}{first}{slash}{rest}') if power else (0, unit)
 
 
-def effects_data(config: Config, known: Mapping[str, FoundEffect]) -> list[dict[str, Any]]:
+def effects_data(config: Config, known: Mapping[str, Effect]) -> list[dict[str, Any]]:
     """The effects that have a meaning on the structure, with their parameters, by port."""
-    structure = config.structure.structure
+    structure = config.structure
     values = {
-        f'{active.found.effect.name}.{p.name}': value
+        f'{active.effect.name}.{p.name}': value
         for active in config.effects
-        for p, value in zip(active.found.effect.parameters, active.values, strict=True)
+        for p, value in zip(active.effect.parameters, active.values, strict=True)
     }
-    scopes = {active.found.effect.plain_name: active.found.effect for active in config.effects}
-    on_structure = (one.on(structure, config.parameters).effect for one in known.values())
+    scopes = {active.effect.plain_name: active.effect for active in config.effects}
+    on_structure = (effect_on(one, structure, config.parameters) for one in known.values())
     acting = (effect for effect in on_structure if acts_on(effect, structure))
     return [effect_data(scopes.get(effect.name, effect), effect, values) for effect in in_order(acting)]
 

@@ -197,11 +197,11 @@ class DataVerbs:
 
     def columns(self, _: Body) -> Reply:
         """The columns of the files, and which of them are taken for which of ours."""
-        return choices(self._chosen_data(), self._session.config().structure.structure.name)
+        return choices(self._chosen_data(), self._session.config().structure.name)
 
     def choose_columns(self, body: Body) -> Reply:
         """Other columns: written as a column map of the session."""
-        request, system = self._chosen_data(), self._session.config().structure.structure.name
+        request, system = self._chosen_data(), self._session.config().structure.name
         content = map_text(body.get('columns'), request, system)
         _, folder = new_folder(self._session.folder / RECORDINGS)
         write_whole(folder / MAP, lambda file: file.write(content))

@@ -49,9 +49,9 @@ def same_value(one: Any, other: Any) -> bool:
 
 def meanings_in(config: Config) -> dict[str, tuple[str, str]]:
     """Unit and meaning of every parameter by full name."""
-    found = {name: (p.unit, p.description) for name, p in config.structure.structure.all_parameters.items()}
+    found = {name: (p.unit, p.description) for name, p in config.structure.all_parameters.items()}
     for active in config.effects:
-        effect = active.found.effect
+        effect = active.effect
         found |= {f'effects.{effect.name}.{p.name}': (p.unit, p.description) for p in effect.parameters}
     return found
 

@@ -164,7 +164,7 @@ class Job:
 
     def nuisances(self, config: Config) -> dict[str, Nuisance]:
         """By run, its nuisances in a comparison. Raises UserError where there are none."""
-        unknown_zero = config.structure.structure.is_quasi_static
+        unknown_zero = config.structure.is_quasi_static
         return {
             name: Nuisance(
                 float(curves['nuisance.delay']),

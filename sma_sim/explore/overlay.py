@@ -87,7 +87,7 @@ class Overlay:
             key = self._key(config)
             known, exact = self._nuisances(config, key)
             if (key, exact) not in self._shown or not exact:
-                self._shown[key, exact] = Shown(config.structure.structure.name, self._runs(config, known), exact)
+                self._shown[key, exact] = Shown(config.structure.name, self._runs(config, known), exact)
                 while len(self._shown) > KEPT:
                     self._shown.popitem(last=False)
             self._shown.move_to_end((key, exact))

@@ -119,7 +119,7 @@ def modes_data(columns: Mapping[str, Vector]) -> list[dict[str, Any]]:
 
 def loops_data(run: ShownRun, numbers: Numbers) -> list[dict[str, Any]]:
     """The loops of the hysteresis: coordinates over the heating, stress over strain and x_M over T of every wire."""
-    structure, suffixes = run.config.structure.structure, wires_of(run.config)
+    structure, suffixes = run.config.structure, wires_of(run.config)
     of_wires = [f'{name}{suffix}{unit}' for suffix in suffixes for name, unit in LOOP_COLUMNS]
     at = where_it_moves([run.columns[name] for name in of_wires if name in run.columns], LOOP_SAMPLES)
     columns = {name: values[at] for name, values in run.columns.items()}
@@ -141,7 +141,7 @@ def loops_data(run: ShownRun, numbers: Numbers) -> list[dict[str, Any]]:
 
 def command_loop(run: ShownRun, numbers: Numbers) -> list[dict[str, Any]]:
     """The coordinate that moves most over the first heating that changes; none of a wire by itself, and without heating."""
-    structure = run.config.structure.structure
+    structure = run.config.structure
     moved = [name for name in structure.commands if np.ptp(run.columns.get(f'{name}_W', np.zeros(1))) > 0.0]
     loops = []
     for name in moved[:1] if len(run.time) else ():
@@ -176,7 +176,7 @@ def loop_curve(x: Vector, y: Vector, label: str, k: int, numbers: Numbers) -> di
 
 def frames_data(run: ShownRun, numbers: Numbers) -> dict[str, Any]:
     """The structure at some instants of the run: of each line its points, in the plane of the picture [m]."""
-    structure = run.config.structure.structure
+    structure = run.config.structure
     at = np.unique(np.linspace(0, len(run.time) - 1, FRAMES).astype(int)) if len(run.time) else np.zeros(0, int)
     sketch = Sketch(structure, run.config.parameters)
     poses = [{c.name: float(run.columns[c.column][k]) for c in structure.coordinates} for k in at]

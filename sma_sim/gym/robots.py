@@ -20,7 +20,7 @@ class Robots:
 
     def __init__(self, task: Task, count: int) -> None:
         self.task, self.count = task, count
-        where = sample_columns(task.config.structure.structure)
+        where = sample_columns(task.config.structure)
         self._channels = where.sensed.start + task.channel_numbers
         self._robots = SideBySide(nominal_model(task), task.rate, count)
         self._T_E = task.config.parameters['environment.T_E']

@@ -69,7 +69,7 @@ class Task:
             object.__setattr__(self, 'config', self.config.variant({'solver.rtol': RTOL}))
         for name in ('observed', 'hold'):  # lists may be given, but have no hash
             object.__setattr__(self, name, tuple(getattr(self, name)))
-        structure, channels = self.config.structure.structure, self.config.structure.structure.channels
+        structure, channels = self.config.structure, self.config.structure.channels
         if not structure.coordinates or structure.drives:
             raise UserError(
                 f'system {structure.name} has no motion that heating controls; expected such as module or slider'
@@ -97,12 +97,12 @@ class Task:
     @property
     def signed(self) -> bool:
         """Whether a command heats either of two bundles by its sign."""
-        return self.config.structure.structure.antagonistic
+        return self.config.structure.antagonistic
 
     @property
     def commands(self) -> int:
         """Numbers in an action, from -1 to 1."""
-        return len(self.config.structure.structure.commands)
+        return len(self.config.structure.commands)
 
     @property
     def size(self) -> int:
@@ -118,7 +118,7 @@ class Task:
     @cached_property
     def channel_numbers(self) -> NDArray[np.int64]:
         """Of the coordinate that is tracked, then of what else is observed."""
-        structure = self.config.structure.structure
+        structure = self.config.structure
         names = (self.tracked or structure.coordinate_names[-1], *self.observed)
         return np.array([structure.channels.index(name) for name in names], dtype=np.int64)
 
@@ -131,7 +131,7 @@ class Task:
     @cached_property
     def scales(self) -> tuple[Vector, Vector]:
         """What is subtracted from the further channels, and by what they are divided then."""
-        structure = self.config.structure.structure
+        structure = self.config.structure
         sizes = channel_scales(structure)
         names = [structure.channels[k] for k in self.channel_numbers[1:]]
         first = [self.config.parameters['environment.T_E'] if name.startswith('T') else 0.0 for name in names]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import zipfile
 from collections.abc import Iterable, Mapping
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import fields, is_dataclass
 from importlib import import_module
 from pathlib import Path
 from types import FunctionType
@@ -18,12 +18,13 @@ from typing import Any
 import numpy as np
 
 from sma_sim.model.argument_checks import checked
-from sma_sim.model.effects.discovery import FoundEffect, found_effect, package_effects, with_scopes
+from sma_sim.model.effects.conversion import effect_on
+from sma_sim.model.effects.discovery import declared_effect, package_effects, with_scopes
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.errors import UserError
 from sma_sim.model.files import whole_file
 from sma_sim.model.parameters import Parameter
-from sma_sim.model.structures.discovery import FoundStructure, found_structure, package_structures, structure_of_size
+from sma_sim.model.structures.discovery import declared_structure, package_structures, structure_of_size
 from sma_sim.model.structures.structure import Structure
 
 FORMAT, SUFFIX, PACKAGE = 'sma_sim result 1', '.npz', 'sma_sim.'
@@ -95,8 +96,8 @@ def load(path: str | Path, effects: Iterable[Effect] = (), structures: Iterable[
         if isinstance(error, UserError):
             raise
         raise UserError(f'{source} is no result of sma_sim: expected a file that `save` wrote') from error
-    own = {one.name: found_effect(one) for one in effects}
-    return Reader(source, arrays, content['objects'], own, {one.name: found_structure(one) for one in structures}).value(
+    own = {one.name: declared_effect(one) for one in effects}
+    return Reader(source, arrays, content['objects'], own, {one.name: declared_structure(one) for one in structures}).value(
         content['result']
     )
 
@@ -174,14 +175,11 @@ class Writer:
             return {'array': name}
         if hasattr(value, 'from_saved'):
             return {'config': self.plain(value.saved())}
-        if isinstance(value, FoundEffect | Effect):
-            effect = value if isinstance(value, Effect) else value.effect
-            shown: dict[str, Any] = {'scope': effect.scope.name, 'parameters': effect.parameters, 'title': effect.title}
-            shown |= {'structure': effect.structure, 'alone': isinstance(value, Effect)}
-            return {'effect': effect.plain_name, 'fields': self.plain(shown)}
-        if isinstance(value, FoundStructure | Structure):
-            structure = value if isinstance(value, Structure) else value.structure
-            return {'structure': structure.name, 'family': structure.family, 'alone': isinstance(value, Structure)}
+        if isinstance(value, Effect):
+            shown: dict[str, Any] = {'scope': value.scope.name, 'parameters': value.parameters, 'title': value.title}
+            return {'effect': value.plain_name, 'fields': self.plain(shown | {'structure': value.structure})}
+        if isinstance(value, Structure):
+            return {'structure': value.name, 'family': value.family}
         return {'class': class_name(value), 'fields': {f.name: self.plain(getattr(value, f.name)) for f in fields(value)}}
 
 
@@ -213,8 +211,8 @@ class Reader:
         path: Path,
         arrays: Mapping[str, Any],
         objects: list[Any],
-        effects: Mapping[str, FoundEffect],
-        structures: Mapping[str, FoundStructure],
+        effects: Mapping[str, Effect],
+        structures: Mapping[str, Structure],
     ) -> None:
         self._path, self._arrays, self._objects, self._made = path, arrays, objects, dict[int, Any]()
         self._effects, self._structures = package_effects() | dict(effects), package_structures() | dict(structures)
@@ -252,34 +250,32 @@ class Reader:
         if 'effect' in plain:
             return self._effect(plain['effect'], self.value(plain['fields']))
         if 'structure' in plain:
-            found = self._structure(plain['structure'], plain['family'])
-            return found.structure if plain['alone'] else found
+            return self._structure(plain['structure'], plain['family'])
         kind = self._named(plain['class'], type)
-        names = {field.name for field in fields(kind)}
-        if plain['fields'].keys() - names:
+        names, renamed = {field.name for field in fields(kind)}, getattr(kind, 'old_names', {})
+        given = {renamed.get(name, name): one for name, one in plain['fields'].items()}
+        if given.keys() - names:
             raise UserError(f'{self._path}: its {kind.__name__} has fields that this version of sma_sim does not have')
         made = object.__new__(kind)
-        for name, one in plain['fields'].items():
+        for name, one in given.items():
             object.__setattr__(made, name, self.value(one))
         return made
 
-    def _effect(self, name: str, shown: dict[str, Any]) -> Effect | FoundEffect:
+    def _effect(self, name: str, shown: dict[str, Any]) -> Effect:
         if name not in self._effects:
             raise UserError(f'{self._path} has an effect of your own, {name}: give load(..., effects=[...]) the effect')
-        found = self._effects[name].on(shown['structure'])
+        found = effect_on(self._effects[name], shown['structure'])
         if shown['scope']:
             found = with_scopes({name: found}, [f'{name}@{shown["scope"]}'])[f'{name}@{shown["scope"]}']
         parameters: tuple[Parameter, ...] = shown['parameters']
-        if found.effect.parameters != parameters or found.effect.title != shown['title']:
-            changed = replace(found.effect, parameters=parameters, title=shown['title'])
-            found = replace(found, effect=changed, plain=found.plain or found)
-        return found.effect if shown['alone'] else found
+        is_same = found.parameters == parameters and found.title == shown['title']
+        return found if is_same else found.derived(parameters=parameters, title=shown['title'])
 
-    def _structure(self, name: str, family: str) -> FoundStructure:
+    def _structure(self, name: str, family: str) -> Structure:
         base = self._structures.get(name) or self._structures.get(family)
         if base is None:
             raise UserError(f'{self._path} has a structure of your own, {name}: give load(..., structures=[...]) it')
-        size = base.structure.size_name
-        low, high = base.structure.declared[size].bounds if size else (0.0, -1.0)
+        size = base.size_name
+        low, high = base.declared[size].bounds if size else (0.0, -1.0)
         sizes = (structure_of_size(base, {size: float(k)}) for k in range(int(low), int(high) + 1))
-        return base if base.structure.name == name else next(one for one in sizes if one.structure.name == name)
+        return base if base.name == name else next(one for one in sizes if one.name == name)

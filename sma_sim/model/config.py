@@ -15,14 +15,8 @@ from sma_sim.model.archive import pickled
 from sma_sim.model.argument_checks import expect
 from sma_sim.model.comparable import Comparable
 from sma_sim.model.covariance import MATRIX, NAMES, ParameterCovariance, covariance_given
-from sma_sim.model.effects.discovery import (
-    ActiveEffect,
-    FoundEffect,
-    effects_on,
-    find_effects,
-    found_effect,
-    package_effects,
-)
+from sma_sim.model.effects.conversion import effect_on
+from sma_sim.model.effects.discovery import ActiveEffect, declared_effect, effects_on, find_effects, package_effects
 from sma_sim.model.effects.effect import Effect, EffectChoice
 from sma_sim.model.effects.scope import SEPARATOR
 from sma_sim.model.given import (
@@ -44,10 +38,9 @@ from sma_sim.model.parameters import Parameter, is_number
 from sma_sim.model.program_parameters import SETTINGS, Setting, joint_name_setting
 from sma_sim.model.renamed import renamed, warn_of
 from sma_sim.model.structures.discovery import (
-    FoundStructure,
+    declared_structure,
     find_structures,
-    found_structure,
-    found_structures,
+    known_structures,
     package_structures,
     structure_of_size,
 )
@@ -61,7 +54,7 @@ PRIORS = 'priors.'  # before the name of a parameter: the standard deviation of 
 NEVER_FITTED = ('environment', 'initial', 'solver', 'node', 'check', 'observer', 'guard', 'control')  # groups of parameters
 ROUNDING = 1e-12  # relative: by so much the values of a fit may lie beyond the bounds that it keeps to
 NOTHING: Mapping[str, Any] = MappingProxyType({})
-GivenEffect: TypeAlias = str | Effect | EffectChoice | FoundEffect | ActiveEffect
+GivenEffect: TypeAlias = str | Effect | EffectChoice | ActiveEffect
 GivenEffects: TypeAlias = GivenEffect | Iterable[GivenEffect] | Mapping[str, Mapping[str, float] | None]
 
 
@@ -89,7 +82,7 @@ def default_parameters(system: str = 'module') -> dict[str, float]:
     >>> sma_sim.default_parameters()['wire.r0']
     7.5e-05
     """
-    return structure_named(system).structure.default_values
+    return structure_named(system).default_values
 
 
 def settings_of(structure: Structure) -> dict[str, Setting]:
@@ -119,7 +112,7 @@ class Config(Comparable):
         the command line, an `Effect`; or a mapping ``{'gravity': {'g_y': -9.81}}``.
     settings : mapping
         Settings of the node that are not numbers; those that are left out have their defaults.
-    own_structure : FoundStructure, optional
+    own_structure : Structure, optional
         The structure where it is not one of the package and has files.
     priors : mapping of str to float
         How well values are known before a fit: standard deviations in SI units by full name, such as ``{'wire.E_A': 5e8}``.
@@ -132,7 +125,7 @@ class Config(Comparable):
         Name of the structure; kinetics.
     effects : tuple of ActiveEffect
         Active effects with their parameter values.
-    own_structure : FoundStructure or None
+    own_structure : Structure or None
         The structure where it is not one of the package.
     covariance : ParameterCovariance or None
         Covariance of fitted values, which `with_covariance` sets and `Observer` starts with; further fits do not.
@@ -154,26 +147,25 @@ class Config(Comparable):
     kinetics: str
     effects: tuple[ActiveEffect, ...]
     settings: Mapping[str, str | bool]
-    own_structure: FoundStructure | None
+    own_structure: Structure | None
     priors: Mapping[str, float]
     covariance: ParameterCovariance | None = field(init=False)
 
     def __init__(
         self,
         parameters: Mapping[str, float | str] = NOTHING,
-        system: str | Structure | FoundStructure = 'module',
+        system: str | Structure = 'module',
         kinetics: str = AUTO,
         effects: GivenEffects = (),
         settings: Mapping[str, str | bool] = NOTHING,
-        own_structure: FoundStructure | None = None,
+        own_structure: Structure | None = None,
         priors: Mapping[str, float] = NOTHING,
     ) -> None:
-        base = structure_named(system, own_structure)
+        structure = structure_named(system, own_structure)
         of_effects, values = split_parameters(as_mapping('parameters', parameters))
-        size = base.structure.size_name
+        size = structure.size_name
         if size in values:
-            base = structure_of_size(base, {size: checked_number(size, values[size], base.structure.declared)})
-        structure = base.structure
+            structure = structure_of_size(structure, {size: checked_number(size, values[size], structure.declared)})
         declared, texts = structure.all_parameters, settings_of(structure)
         numbers = {
             name: checked_number(name, one, declared)
@@ -194,7 +186,7 @@ class Config(Comparable):
             kinetics=checked_choice('kinetics', RawValue(kinetics, in_config('kinetics')), (*MODELS, AUTO)),
             effects=active,
             settings=MappingProxyType({name: setting.default for name, setting in texts.items()} | chosen),
-            own_structure=base if is_own else None,
+            own_structure=structure if is_own else None,
             priors=MappingProxyType(checked_priors(stds, structure, active)),
             covariance=None,
         )
@@ -226,8 +218,8 @@ class Config(Comparable):
 
         Raises UserError for what is no covariance of parameters that a fit can change.
         """
-        made, active = self.variant(), [one.found.effect.name for one in self.effects]
-        declared = fitted_parameters(self.structure.structure, self.effects)
+        made, active = self.variant(), [one.effect.name for one in self.effects]
+        declared = fitted_parameters(self.structure, self.effects)
         made.__dict__['covariance'] = covariance_given(covariance, declared, active)
         return made
 
@@ -273,7 +265,7 @@ class Config(Comparable):
         return self.simulated_kinetics
 
     @property
-    def structure(self) -> FoundStructure:
+    def structure(self) -> Structure:
         """What the wires pull on, of the size that the parameters say."""
         return structure_of_size(self.own_structure or package_structures()[self.system], self.parameters)
 
@@ -284,19 +276,18 @@ class Config(Comparable):
         What only this bench has, such as the lag of a load-controlled machine, keeps its value; what only the other one has
         gets its default, and wires start as they do there.
         """
-        own = self.structure.structure
+        own = self.structure
         if name == own.name:
             return self
-        members = [one for one in found_structures().values() if one.structure.original == own.original]
+        members = [one for one in known_structures().values() if one.original == own.original]
         sized = (structure_of_size(one, self.parameters) for one in members)
-        found = next(one for one in sized if one.structure.name == name)
-        other = found.structure
+        other = next(one for one in sized if one.name == name)
         defaults = other.default_values
         values = {n: v for n, v in self.parameters.items() if n not in other.defaults and n not in own.defaults}
         effects = tuple(
             active
-            if active.found.effect.scope.name
-            else replace(active, found=(active.found.plain or active.found).on(other, values))
+            if active.effect.scope.name
+            else replace(active, effect=effect_on(active.effect.plain or active.effect, other, values))
             for active in self.effects
         )
         kept = {n: v for n, v in values.items() if n in defaults}
@@ -305,7 +296,7 @@ class Config(Comparable):
         known = self.covariance and self.covariance.of(
             [n for n in self.covariance.names if n in kept or n.startswith('effects.')]
         )
-        own_structure = None if self.own_structure is None else found
+        own_structure = None if self.own_structure is None else other
         declared, given = fitted_parameters(other, effects), kept | values_of(effects)
         moved = {n: v for n, v in given.items() if n in declared}
         inside = {n: min(max(v, declared[n].bounds[0]), declared[n].bounds[1]) for n, v in moved.items()}
@@ -315,11 +306,11 @@ class Config(Comparable):
         return made.variant(moved).with_covariance(known)  # unchecked: derivatives are taken across bounds
 
     def __repr__(self) -> str:
-        defaults = self.structure.structure.default_values
+        defaults = self.structure.default_values
         changed = ', '.join(
             f'{name!r}: {value:g}' for name, value in self.parameters.items() if not same_number(value, defaults[name])
         )
-        effects = ', '.join(repr(active.found.effect.name) for active in self.effects)
+        effects = ', '.join(repr(active.effect.name) for active in self.effects)
         return f'Config(system={self.system!r}, kinetics={self.kinetics!r}, effects=[{effects}], {{{changed}}})'
 
 
@@ -331,7 +322,7 @@ def values_of(effects: Iterable[ActiveEffect]) -> dict[str, float]:
 def fitted_parameters(structure: Structure, effects: Iterable[ActiveEffect]) -> dict[str, Parameter]:
     """What a fit can change, by full name."""
     declared = {name: one for name, one in structure.all_parameters.items() if name.split('.')[0] not in NEVER_FITTED}
-    return declared | effect_parameters({active.found.effect.name: active.found for active in effects})
+    return declared | effect_parameters({active.effect.name: active.effect for active in effects})
 
 
 def checked_priors(given: Mapping[str, RawValue], structure: Structure, effects: Iterable[ActiveEffect]) -> dict[str, float]:
@@ -357,12 +348,12 @@ def same_number(one: float, other: float) -> bool:
 
 def is_noise_elsewhere(name: object) -> bool:
     """Whether a parameter is the noise of a channel that only other structures have: it says nothing of a model."""
-    return any(name in found.structure.noise for found in package_structures().values())
+    return any(name in one.noise for one in package_structures().values())
 
 
 def is_noise_of_variant(name: str, structure: Structure) -> bool:
     """Whether a parameter is the noise of a channel that only a structure with other options has, as files for it say."""
-    return any(name in one.structure.noise for one in found_structures().values() if one.structure.is_like(structure))
+    return any(name in one.noise for one in known_structures().values() if one.is_like(structure))
 
 
 def in_config(argument: str) -> str:
@@ -391,16 +382,14 @@ def split_parameters(given: Mapping[str, Any]) -> tuple[dict[str, RawValue], dic
     return of_effects, values
 
 
-def structure_named(system: str | Structure | FoundStructure, own: FoundStructure | None = None) -> FoundStructure:
+def structure_named(system: str | Structure, own: Structure | None = None) -> Structure:
     """The structure of this name, or the structure itself. Raises UserError for none, or for two that differ."""
     if own is not None:
-        if system not in (DEFAULT_SYSTEM, own.structure.name, own.structure.family):
-            raise ConfigError(f'system = {system!r} ({in_config("system")}): own_structure is {own.structure.name!r}')
+        if system not in (DEFAULT_SYSTEM, own.name, own.family):
+            raise ConfigError(f'system = {system!r} ({in_config("system")}): own_structure is {own.name!r}')
         return own
-    if isinstance(system, FoundStructure):
-        return system
     if isinstance(system, Structure):
-        return found_structure(system)
+        return declared_structure(system)
     return package_structures()[checked_system(RawValue(system, in_config('system')), package_structures())]
 
 
@@ -408,7 +397,7 @@ def as_sequence(given: Any) -> Sequence[Any]:
     """Effects as they may be given: one or several; a mapping has values of parameters by name of the effect."""
     if isinstance(given, Mapping):
         return list(given.items())
-    if isinstance(given, str | Effect | EffectChoice | FoundEffect | ActiveEffect) or not isinstance(given, Iterable):
+    if isinstance(given, str | Effect | EffectChoice | ActiveEffect) or not isinstance(given, Iterable):
         return [given]
     return list(given)
 
@@ -420,12 +409,12 @@ def chosen_effects(
 
     Raises UserError.
     """
-    found: Mapping[str, FoundEffect] = package_effects()
+    found: Mapping[str, Effect] = package_effects()
     ready, names = dict[str, ActiveEffect](), list[str]()
     for one in as_sequence(effects):
         if isinstance(one, ActiveEffect):
-            ready[one.found.effect.name] = checked_active(one)
-            names.append(one.found.effect.name)
+            ready[one.effect.name] = checked_active(one)
+            names.append(one.effect.name)
         else:
             named, found = put_effect(one, given, found, in_config('effects'))
             names.append(named)
@@ -441,7 +430,7 @@ def chosen_effects(
     for name in plain - found.keys():
         raise unknown_effect(name, found, asked)
     on = effects_on({name: one for name, one in found.items() if name in plain}, wanted, structure, numbers)
-    declared = effect_parameters(on) | effect_parameters({name: one.found for name, one in ready.items()})
+    declared = effect_parameters(on) | effect_parameters({name: one.effect for name, one in ready.items()})
     known = {name: checked_number(name, one, declared) for name, one in given.items()}
     every = {name: active_effect(name, on, known, asked) for name in wanted} | {
         name: one.with_values(known) for name, one in ready.items()
@@ -450,8 +439,8 @@ def chosen_effects(
 
 
 def put_effect(
-    one: Any, given: dict[str, RawValue], found: Mapping[str, FoundEffect], where: str
-) -> tuple[str, Mapping[str, FoundEffect]]:
+    one: Any, given: dict[str, RawValue], found: Mapping[str, Effect], where: str
+) -> tuple[str, Mapping[str, Effect]]:
     """The name of an effect as it may be given, and the effects that are known with it; its values go to `given`.
 
     Raises UserError for what is no effect, or one of your own with the name of another.
@@ -461,10 +450,10 @@ def put_effect(
         name, values = effect_words(one)
     elif isinstance(one, tuple):
         name, values = one
-    elif isinstance(one, EffectChoice | Effect | FoundEffect):
-        choice = one if isinstance(one, EffectChoice) else EffectChoice(one if isinstance(one, Effect) else one.effect, {})
-        own = one if isinstance(one, FoundEffect) else found_effect(choice.effect, found)
-        name, values, found = choice.name, choice.values, {**found, choice.effect.plain_name: own.plain or own}
+    elif isinstance(one, EffectChoice | Effect):
+        choice = one if isinstance(one, EffectChoice) else EffectChoice(one, {})
+        declared = declared_effect(choice.effect, found)
+        name, values, found = choice.name, choice.values, {**found, declared.name: declared}
     else:
         raise ConfigError(f'effects: expected effects or their names, such as gravity; got {one!r} ({where})')
     if values is not None and not isinstance(values, Mapping):
@@ -473,7 +462,7 @@ def put_effect(
     return str(name), found
 
 
-def unknown_effect(name: str, found: Mapping[str, FoundEffect], asked: RawValue) -> ConfigError:
+def unknown_effect(name: str, found: Mapping[str, Effect], asked: RawValue) -> ConfigError:
     """The error of an effect that there is not; `asked`: where it was switched on."""
     return ConfigError(
         f'unknown effect {name} (effects.active, {asked.where}){suggestion(name, found)}; known are '
@@ -483,7 +472,7 @@ def unknown_effect(name: str, found: Mapping[str, FoundEffect], asked: RawValue)
 
 def checked_active(one: ActiveEffect) -> ActiveEffect:
     """An effect that is ready to act. Raises ConfigError where it has not one value for each of its parameters."""
-    effect = one.found.effect
+    effect = one.effect
     if len(one.values) != len(effect.parameters):
         names = ', '.join(parameter.name for parameter in effect.parameters)
         raise ConfigError(f'effect {effect.name}: got {len(one.values)} values; expected one for each of {names}')
@@ -501,15 +490,15 @@ def flat_parameters(config: Config) -> dict[str, Any]:
         **config.values,
         **config.settings,
     }
-    values['effects.active'] = [active.found.effect.name for active in config.effects]
-    values['effects.paths'] = absolute_folders(file for active in config.effects for file in active.found.files)
+    values['effects.active'] = [active.effect.name for active in config.effects]
+    values['effects.paths'] = absolute_folders(file for active in config.effects for file in active.effect.files)
     values['structures.paths'] = folders_of(config.structure)
     values |= {f'{PRIORS}{name}': std for name, std in config.priors.items()}
     known = config.covariance
     return values if known is None else values | {NAMES: list(known.names), MATRIX: known.matrix.ravel().tolist()}
 
 
-def folders_of(found: FoundStructure) -> list[str]:
+def folders_of(found: Structure) -> list[str]:
     """Folders of the files of a structure, as absolute paths; none for one of the package."""
     return absolute_folders(found.files)
 
@@ -563,7 +552,7 @@ def read_config(
     expect('path', path, str | os.PathLike[str] | None)
     given = {name: RawValue(value, f'recorded in {source}', recorded=True) for name, value in recorded.items()}
     given = given_over(given, given_values(None if path is None else Path(path), words))
-    found: Mapping[str, FoundEffect] = {}
+    found: Mapping[str, Effect] = {}
     names = names_in('effects.active', given.get('effects.active', RawValue([], COMMAND_LINE)))
     for one in as_sequence(effects):
         name, found = put_effect(one, given, found, COMMAND_LINE)
@@ -572,16 +561,15 @@ def read_config(
     return checked(given, found)
 
 
-def checked(given: Mapping[str, RawValue], objects: Mapping[str, FoundEffect] = NOTHING) -> Config:
+def checked(given: Mapping[str, RawValue], objects: Mapping[str, Effect] = NOTHING) -> Config:
     """Names, types and ranges checked; defaults filled in. Raises UserError.
 
     `objects`: effects by name that are given as such.
     """
-    own = checked_structure(given)
+    structure = checked_structure(given)
     stds = {name.removeprefix(PRIORS): one for name, one in given.items() if name.startswith(PRIORS)}
     together = {name: one for name, one in given.items() if name in (NAMES, MATRIX)}
     given = {name: one for name, one in given.items() if not name.startswith(PRIORS) and name not in together}
-    structure = own.structure
     defaults, ranges, texts = structure.default_values, structure.all_parameters, settings_of(structure)
     known = dict(defaults)
     folders = given.get('effects.paths', RawValue([], ''))
@@ -604,7 +592,7 @@ def checked(given: Mapping[str, RawValue], objects: Mapping[str, FoundEffect] = 
     effects = tuple(active_effect(name, found, known, asked) for name in names_in('effects.active', asked))
     values = MappingProxyType({name: known[name] for name in defaults})
     priors = checked_priors(stds, structure, effects)
-    made = Config(values, structure.family, kinetics, effects, settings, own if own.files else None, priors)
+    made = Config(values, structure.family, kinetics, effects, settings, structure if structure.files else None, priors)
     return made.with_covariance(together)
 
 
@@ -632,7 +620,7 @@ def numbers_within(
     return numbers
 
 
-def checked_structure(given: Mapping[str, RawValue]) -> FoundStructure:
+def checked_structure(given: Mapping[str, RawValue]) -> Structure:
     """The structure of the system that is given. Raises UserError."""
     folders = given.get('structures.paths', RawValue([], ''))
     found = find_structures([] if folders.recorded else named_folders('structures.paths', folders))
@@ -643,30 +631,28 @@ def checked_structure(given: Mapping[str, RawValue]) -> FoundStructure:
         where = ', '.join(map(str, named_folders('structures.paths', folders)))
         one = replace(one, where=f'{one.where}; no STRUCTURE in {where} has this name')
     base = chosen_variant(found[checked_system(one, found)], given, found)
-    size = base.structure.size_name
+    size = base.size_name
     if size not in given:
         return base
-    return structure_of_size(base, {size: checked_number(size, given[size], base.structure.declared)})
+    return structure_of_size(base, {size: checked_number(size, given[size], base.declared)})
 
 
-def chosen_variant(
-    structure: FoundStructure, given: Mapping[str, RawValue], found: Mapping[str, FoundStructure]
-) -> FoundStructure:
+def chosen_variant(structure: Structure, given: Mapping[str, RawValue], found: Mapping[str, Structure]) -> Structure:
     """The variant of a structure that the given options name; itself without any. Raises ConfigError."""
-    own, original = structure.structure.options, structure.structure.original
-    family = [member for member in found.values() if member.structure.original == original]
+    own = structure.options
+    family = [member for member in found.values() if member.original == structure.original]
     for name in own:
         if name in given:
-            checked_choice(name, given[name], sorted({member.structure.options[name] for member in family}))
+            checked_choice(name, given[name], sorted({member.options[name] for member in family}))
     wanted = {name: str(given[name].value) if name in given else word for name, word in own.items()}
-    return next((member for member in family if dict(member.structure.options) == wanted), structure)
+    return next((member for member in family if dict(member.options) == wanted), structure)
 
 
-def checked_system(one: RawValue, found: Mapping[str, FoundStructure]) -> str:
+def checked_system(one: RawValue, found: Mapping[str, Structure]) -> str:
     """The name of a structure. Raises ConfigError, which names all but variants."""
     if isinstance(one.value, str) and one.value in found:
         return one.value
-    return checked_choice('system', one, tuple(name for name, each in found.items() if not each.structure.variant_of))
+    return checked_choice('system', one, tuple(name for name, each in found.items() if not each.variant_of))
 
 
 def checked_choice(name: str, one: RawValue, choices: Sequence[str]) -> str:
@@ -688,7 +674,7 @@ def checked_setting(name: str, one: RawValue, setting: Setting) -> str | bool:
     return value
 
 
-def check_effects_found(given: Mapping[str, RawValue], found: Mapping[str, FoundEffect], folders: RawValue) -> None:
+def check_effects_found(given: Mapping[str, RawValue], found: Mapping[str, Effect], folders: RawValue) -> None:
     """Raise ConfigError where an active effect can only come from folders that are named in data alone."""
     names = names_in('effects.active', given.get('effects.active', RawValue([], '')))
     unknown = [name for name in names if name not in found]
@@ -712,16 +698,16 @@ def names_of_effects(given: Mapping[str, RawValue]) -> list[str]:
     return [*active, *(name.split('.')[1] for name in given if name.startswith('effects.'))]
 
 
-def effect_parameters(found: Mapping[str, FoundEffect]) -> dict[str, Parameter]:
+def effect_parameters(found: Mapping[str, Effect]) -> dict[str, Parameter]:
     """Parameters of all effects by full name."""
-    return {f'effects.{name}.{p.name}': p for name, each in found.items() for p in each.effect.parameters}
+    return {f'effects.{name}.{p.name}': p for name, each in found.items() for p in each.parameters}
 
 
-def active_effect(name: str, found: Mapping[str, FoundEffect], known: Mapping[str, float], asked: RawValue) -> ActiveEffect:
+def active_effect(name: str, found: Mapping[str, Effect], known: Mapping[str, float], asked: RawValue) -> ActiveEffect:
     """An effect with its parameters, their defaults where nothing was given. Raises ConfigError."""
     if name not in found:
         raise unknown_effect(name, found, asked)
-    return ActiveEffect(found[name], tuple(p.default for p in found[name].effect.parameters)).with_values(known)
+    return ActiveEffect(found[name], tuple(p.default for p in found[name].parameters)).with_values(known)
 
 
 def checked_number(name: str, one: RawValue, declared: Mapping[str, Parameter]) -> float:

@@ -35,11 +35,11 @@ def parameter_file(config: Config, effect_paths: Sequence[str] = (), structure_p
     file; the latter are absolute unless they are given.
     """
     found = package_structures()
-    plain = (name for name, each in found.items() if not each.structure.variant_of)
+    plain = (name for name, each in found.items() if not each.variant_of)
     systems = list(dict.fromkeys([*plain, config.system]))
     lines = [f'system: {config.system}  # {" | ".join(systems)}', f'model: {config.kinetics}  # {KINETICS}']
-    settings = settings_of(config.structure.structure).items()
-    for group, members in groups_of(config.structure.structure).items():
+    settings = settings_of(config.structure).items()
+    for group, members in groups_of(config.structure).items():
         lines += [f'{group}:', *(f'  {line(p, config.parameters[f"{group}.{p.name}"])}' for p in members)]
         lines += [f'  {setting_line(name, setting, config)}' for name, setting in settings if name.startswith(f'{group}.')]
     lines += [*effect_lines(config, effect_paths), *prior_lines(config), *covariance_lines(config)]
@@ -50,7 +50,7 @@ def parameter_file(config: Config, effect_paths: Sequence[str] = (), structure_p
 
 def groups_of(structure: Structure) -> dict[str, tuple[Parameter, ...]]:
     """The parameters of a model with this structure, by group; those of other structures are left out."""
-    others = {name.partition('.')[0] for found in package_structures().values() for name in found.structure.declared}
+    others = {name.partition('.')[0] for found in package_structures().values() for name in found.declared}
     own: dict[str, list[Parameter]] = {}
     for name, parameter in structure.declared.items():
         group, _, short = name.partition('.')
@@ -64,11 +64,11 @@ def groups_of(structure: Structure) -> dict[str, tuple[Parameter, ...]]:
 def effect_lines(config: Config, paths: Sequence[str]) -> Iterator[str]:
     """The active effects and their parameters."""
     yield 'effects:'
-    yield f'  active: {words([active.found.effect.name for active in config.effects])}  # {ACTIVE}'
+    yield f'  active: {words([active.effect.name for active in config.effects])}  # {ACTIVE}'
     yield f'  paths: {words(paths)}  # {PATHS}'
     for active in config.effects:
-        yield f'  {active.found.effect.name}:'
-        for parameter, value in zip(active.found.effect.parameters, active.values, strict=True):
+        yield f'  {active.effect.name}:'
+        for parameter, value in zip(active.effect.parameters, active.values, strict=True):
             yield f'    {line(parameter, value)}'
 
 

@@ -8,7 +8,7 @@ import importlib.util
 import pkgutil
 import sys
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import replace
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -18,21 +18,7 @@ from typing import Any
 from sma_sim.model.errors import UserError
 
 USER_PACKAGE = 'sma_sim_user_files'
-OWN = ('sma_sim.',)  # its modules are compiled with all kernels
 SEARCHED: set[Path] = set()  # folders whose helper modules may have been imported in this process
-
-
-@dataclass(frozen=True)
-class Plugin:
-    """What a module declares; the files that its native code depends on, beside the package's own; who compiles with it.
-
-    `packages` are prefixes of the modules whose functions are compiled with the kernels; `file` is where the user wrote it.
-    """
-
-    value: Any
-    files: tuple[Path, ...]
-    packages: tuple[str, ...]
-    file: Path | None = None
 
 
 @cache
@@ -41,21 +27,26 @@ def installed_entry_points() -> Any:
     return entry_points()
 
 
-def package_plugins(package: ModuleType, attribute: str, group: str) -> Iterator[Plugin]:
-    """What the modules of a package declare as `attribute`, and installed packages as entry points of a `group`."""
+def package_plugins(package: ModuleType, attribute: str, group: str) -> Iterator[Any]:
+    """What the modules of a package declare as `attribute`, and installed packages as entry points of a `group`.
+
+    The latter with the `files` that their native code depends on.
+    """
     for module in pkgutil.iter_modules(package.__path__):
         member = importlib.import_module(f'{package.__name__}.{module.name}')
         if hasattr(member, attribute):
-            yield Plugin(getattr(member, attribute), (), OWN)
+            yield getattr(member, attribute)
     for point in installed_entry_points().select(group=group):
         value = point.load()
         home = sys.modules[point.module]
         files = tuple(Path(home.__file__).parent.rglob('*.py')) if home.__file__ else ()
-        yield Plugin(value, files, (*OWN, point.module.split('.')[0]))
+        yield replace(value, files=files)
 
 
-def user_plugins(folder: Path, parameter: str, kind: type, error: type[UserError]) -> Iterator[Plugin]:
+def user_plugins(folder: Path, parameter: str, kind: type[Any], error: type[UserError]) -> Iterator[tuple[Path, Any]]:
     """What the files in a folder that a `parameter` names declare of a kind: an `Effect` as ``EFFECT``. Importing runs them.
+
+    By file; with all `files` that its native code depends on, beside the package's own.
 
     Raises `error` with what is wrong.
     """
@@ -64,9 +55,10 @@ def user_plugins(folder: Path, parameter: str, kind: type, error: type[UserError
         raise error(f'{parameter}: {folder} is not a folder')
     files = tuple(sorted(folder.rglob('*.py')))
     package = package_for(files)
-    stems = tuple(file.stem for file in files)
     SEARCHED.add(folder.resolve())
-    for stem in stems:  # helper modules that a file imports: edited since, or another folder's of the same name
+    for stem in (
+        file.stem for file in files
+    ):  # helper modules that a file imports: edited since, or another folder's of the same name
         if is_below_one(SEARCHED, sys.modules.get(stem)):
             del sys.modules[stem]
     for file in sorted(folder.glob('*.py')):
@@ -75,7 +67,7 @@ def user_plugins(folder: Path, parameter: str, kind: type, error: type[UserError
             continue
         if not isinstance(value, kind):
             raise error(f'{file}: {attribute} must be an sma_sim.{kind.__name__}, got {type(value).__name__}')
-        yield Plugin(value, files, (*OWN, USER_PACKAGE, *stems), file)
+        yield file, replace(value, files=files)
 
 
 def is_below_one(folders: Iterable[Path], module: ModuleType | None) -> bool:

@@ -27,6 +27,7 @@ def renamed(**names: str) -> Callable[[Class], Class]:
             init(self, *given, **named)
 
         setattr(kind, '__init__', with_old_names)  # noqa: B010
+        setattr(kind, 'old_names', names)  # noqa: B010 - files of older versions have them
         for old, new in names.items():
             if old not in vars(kind):
                 setattr(kind, old, old_attribute(kind, old, new))
@@ -43,6 +44,16 @@ def old_attribute(kind: type, old: str, new: str) -> property:
         return getattr(self, new)
 
     return property(value, doc=f'Old name of `{new}`.')
+
+
+def itself(old: str) -> property:
+    """The old spelling of an object that was wrapped once, as an attribute of it."""
+
+    def value(self: Any) -> Any:
+        warnings.warn(f'.{old} is the object itself now: leave it out', DeprecationWarning, stacklevel=2)
+        return self
+
+    return property(value, doc='Old spelling of the object itself.')
 
 
 def warn_of(kind: type, old: str, new: str) -> None:

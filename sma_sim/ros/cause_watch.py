@@ -120,7 +120,7 @@ class CauseWatch:
     def _propose(self, _: Any, response: Any) -> Any:
         """What tells the leading causes apart; it is said, not sent."""
         most = self._config.parameters['node.J_max']
-        structure = self._config.structure.structure
+        structure = self._config.structure
         powers = [sign * most for _ in range(max(1, structure.wires // 2)) for sign in (1.0, -1.0)]
         if not structure.antagonistic:
             powers = [most] * structure.wires

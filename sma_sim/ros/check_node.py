@@ -83,7 +83,7 @@ class ModelCheck:
     def __init__(self, node: Node, config: Config, use_sim_time: bool, observer: Observer | None = None) -> None:
         self._observer = observer
         self._node, self._config, self._rate = node, config, config.parameters['node.integration_rate']
-        if not config.structure.structure.coordinates:
+        if not config.structure.coordinates:
             raise UserError(
                 f'system = {config.system}: the live check takes its pace from joint_states, and a {config.system} has no '
                 'joints; compare recordings with sma-sim compare'

@@ -48,7 +48,7 @@ class ModelController:
 
     def __init__(self, node: Node, config: Config, use_sim_time: bool) -> None:
         self._config, self._logger = config, node.get_logger()
-        structure, given = config.structure.structure, config.parameters
+        structure, given = config.structure, config.parameters
         law = str(config.settings['control.law'])
         if law not in LAWS:
             raise UserError(f'control.law = {law!r}: expected {" or ".join(LAWS)}')

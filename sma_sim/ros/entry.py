@@ -266,7 +266,7 @@ def serve_node(
 
 def model_description(config: Config) -> str:
     """Which model runs, in a few words."""
-    effects = ', '.join(active.found.effect.name for active in config.effects) or 'none'
+    effects = ', '.join(active.effect.name for active in config.effects) or 'none'
     return f'{config.simulated_kinetics} model, effects {effects}'
 
 

@@ -57,7 +57,7 @@ class WireGuard:
     """A `Guard` between the topics of a controller and those of a robot."""
 
     def __init__(self, node: Node, config: Config, use_sim_time: bool) -> None:
-        self._node, self._logger, structure = node, node.get_logger(), config.structure.structure
+        self._node, self._logger, structure = node, node.get_logger(), config.structure
         if not structure.coordinates:
             raise UserError(f'system = {config.system}: the guard needs joint_states, and a {config.system} has no joints')
         self._silence = config.parameters['guard.silence']

@@ -28,7 +28,7 @@ class Inputs:
     """The input of a run, step by step; what is applied is published when it changes."""
 
     def __init__(self, node: Node, config: Config, publishers: Publishers, messages: Messages) -> None:
-        structure, numbers = config.structure.structure, config.parameters
+        structure, numbers = config.structure, config.parameters
         self.command = heating_command(node, structure, numbers['node.J_max'], numbers['node.command_timeout'])
         self.ambient = Ambient(node, numbers['environment.T_E'])
         self.set_points = [SetPoint(node, drive, numbers['environment.T_E']) for drive in structure.drives]

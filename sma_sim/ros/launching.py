@@ -128,7 +128,7 @@ def module_arguments(context: LaunchContext) -> ModuleArguments:
 def refuse_without_angle(system: str) -> None:
     """Raise RuntimeError for a system that the controllers of the examples cannot move."""
     found = package_structures().get(system)
-    if found is not None and all(coordinate.name != ANGLE for coordinate in found.structure.coordinates):
+    if found is not None and all(coordinate.name != ANGLE for coordinate in found.coordinates):
         raise RuntimeError(
             f'system:={system} has no joint {ANGLE}, which the controllers of the examples move; expected controller:=FILE '
             f'with a controller of your own, or module.launch.py'
@@ -204,7 +204,7 @@ def joint_names(given: ModuleArguments) -> list[str]:
     """What a node beside the module calls its joints, which have its prefix."""
     system = dict(given.overrides).get('system', quoted('module')).strip("'")
     found = package_structures().get(system)
-    joints = found.structure.coordinate_names if found is not None and given.joint_prefix else ()
+    joints = found.coordinate_names if found is not None and given.joint_prefix else ()
     return [f'check.name_{joint}:={quoted(given.joint_prefix + joint)}' for joint in joints]
 
 

@@ -101,7 +101,7 @@ class Feed:
         self._asked = path
         try:
             config = read_config(Path(path))
-            if config.structure.structure != self._structure:
+            if config.structure != self._structure:
                 raise UserError(f'{path} is of system {config.system}: end listening, and begin again')
             model = Model(config)
             FixedRateRun(model, config.parameters['node.integration_rate'], at_rest(config))  # compiles what is new in it
@@ -134,7 +134,7 @@ def sample_data(stamp: int, measured: Vector, model: Vector, error: Vector) -> d
 
 def at_rest(config: Config) -> Vector:
     """The input of a model that nothing drives."""
-    inputs = np.zeros(len(config.structure.structure.input_columns))
+    inputs = np.zeros(len(config.structure.input_columns))
     inputs[-1] = config.parameters['environment.T_E']
     return inputs
 
@@ -149,7 +149,7 @@ def fed_check(node: Any, config: Config, use_sim_time: bool) -> Runner:
     from sma_sim.ros.check_node import ModelCheck
     from sma_sim.ros.robot_recorder import RobotRecorder
 
-    structure, numbers = config.structure.structure, config.parameters
+    structure, numbers = config.structure, config.parameters
     recorder = RobotRecorder(node, structure, (numbers['node.record_size'], numbers['node.record_duration']))
     feed = Feed(structure, recorder)
     check = ModelCheck(node, config, use_sim_time, feed)

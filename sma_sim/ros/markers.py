@@ -65,10 +65,10 @@ def markers(stamp: Time, frame: str, row: NDArray[Any], modes: Sequence[int], be
 def picture_of(config: Config, frame_prefix: str, made: Messages) -> Picture:
     """What draws a structure with these parameters from samples, which `made` reads."""
     frame = frame_prefix + BASE_FRAME
-    if config.structure.structure is MODULE:
+    if config.structure is MODULE:
         beam, h = beam_constants(config.parameters), config.parameters['beam.h']
         return lambda stamp, row, modes: markers(stamp, frame, row, modes, beam, h)
-    sketch = Sketch(config.structure.structure, config.parameters)
+    sketch = Sketch(config.structure, config.parameters)
 
     def draw(stamp: Time, row: NDArray[Any], modes: Sequence[int]) -> MarkerArray:
         header = Header(stamp=stamp, frame_id=frame)

@@ -51,7 +51,7 @@ class WireObserver:
 
     def __init__(self, node: Node, config: Config, use_sim_time: bool) -> None:
         self._node, self._config, self._logger = node, config, node.get_logger()
-        structure = config.structure.structure
+        structure = config.structure
         self._messages, self._wires = Messages(structure), wire_names(structure)
         warmed = Observer(config)  # compiled now, not at the first sample
         for k in range(2):
@@ -97,7 +97,7 @@ class WireObserver:
             for change in self._robot.changes(before, now):
                 self._tell(change.stamp, change.column, change.value)
             self._before = now
-        structure = self._config.structure.structure
+        structure = self._config.structure
         measured = np.concatenate([now.joints[0], self._robot.companions(before if latest else None, now)])
         channels = {name: float(value) for name, value in zip(structure.channels, measured, strict=True)}
         estimate = self._observer.update(self._seconds(now.time), None, channels)

@@ -108,10 +108,10 @@ def configure(node: Node, live: Collection[str] = LIVE, in_files: Mapping[str, R
     config = checked(given)
     for name in own:
         node.undeclare_parameter(name)
-    for name, parameter in config.structure.structure.all_parameters.items():
+    for name, parameter in config.structure.all_parameters.items():
         declare_number(node, name, parameter, config.parameters[name], name in live)
     found = package_structures().items()
-    systems = dict.fromkeys((*(name for name, one in found if one.structure.has_own_columns), config.system))
+    systems = dict.fromkeys((*(name for name, one in found if one.has_own_columns), config.system))
     for name, value, choices in (
         ('system', config.system, tuple(systems)),
         ('model', config.simulated_kinetics, (*MODELS, AUTO)),
@@ -123,7 +123,7 @@ def configure(node: Node, live: Collection[str] = LIVE, in_files: Mapping[str, R
             additional_constraints=f'one of {", ".join(choices)}',
         )
         node.declare_parameter(name, value, words, ignore_override=True)
-    for name, setting in settings_of(config.structure.structure).items():
+    for name, setting in settings_of(config.structure).items():
         kind = ParameterType.PARAMETER_BOOL if isinstance(setting.default, bool) else ParameterType.PARAMETER_STRING
         words = ParameterDescriptor(description=setting.description, read_only=True, type=kind)
         node.declare_parameter(name, config.settings[name], words, ignore_override=True)
@@ -139,12 +139,12 @@ def declare_effects(node: Node, config: Config, given: Mapping[str, RawValue]) -
             description=LIST_DESCRIPTIONS[name], read_only=True, type=ParameterType.PARAMETER_STRING_ARRAY
         )
         node.declare_parameter(name, value, words, ignore_override=True)
-    values_by_name = {active.found.effect.name: active.values for active in config.effects}
+    values_by_name = {active.effect.name: active.values for active in config.effects}
     found = find_effects(named_folders('effects.paths', given.get('effects.paths', RawValue([], ''))))
-    found = effects_on(found, names_of_effects(given), config.structure.structure, config.parameters)
+    found = effects_on(found, names_of_effects(given), config.structure, config.parameters)
     for name, entry in found.items():
-        values = values_by_name.get(name, tuple(p.default for p in entry.effect.parameters))
-        for parameter, value in zip(entry.effect.parameters, values, strict=True):
+        values = values_by_name.get(name, tuple(p.default for p in entry.parameters))
+        for parameter, value in zip(entry.parameters, values, strict=True):
             declare_number(node, f'effects.{name}.{parameter.name}', parameter, value)
 
 

@@ -62,13 +62,13 @@ class Publishers:
     """Publishers of all topics and, while there is one, the recorder."""
 
     def __init__(self, node: Node, config: Config, clock: bool, messages: Messages) -> None:
-        structure = config.structure.structure
+        structure = config.structure
         resistances = bool(config.settings['node.publish_resistances'])
         self._messages = messages
         self._frame_prefix = frame_prefix(node.get_namespace())
         self._picture = picture_of(config, self._frame_prefix, messages)
         self._joint_prefix = str(config.settings['node.joint_prefix'])
-        senses = any(active.found.effect.port == 'sensing' for active in config.effects)
+        senses = any(active.effect.port == 'sensing' for active in config.effects)
         true_pose = {TRUE_POSE: JointState} if senses and structure.coordinates else {}
         changes = change_topics(structure)
         kinds = {**sample_topics(messages), **true_pose, **changes}

@@ -160,7 +160,7 @@ class BagSession:
             'integration_rate': repr(numbers['node.integration_rate']),
             'publish_rate': repr(numbers['node.publish_rate']),
             'parameters': json.dumps(flat_parameters(self._config)),
-            INTERFACE: interface_of(self._config.structure.structure).as_json(),
+            INTERFACE: interface_of(self._config.structure).as_json(),
         }
 
     def _make(self, first: bool = False) -> Recorder:

@@ -103,7 +103,7 @@ class RobotSubscriptions:
     """
 
     def __init__(self, node: Node, config: Config, latency: float | None = None, max_delay: float = math.inf) -> None:
-        parameters, structure = config.parameters, config.structure.structure
+        parameters, structure = config.parameters, config.structure
         self._max_delay = max_delay * 1e9
         self._skipped = self._told_of = self._jumped = 0
         self._clock = RobotClock() if math.isfinite(max_delay) else None

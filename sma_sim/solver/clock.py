@@ -16,7 +16,7 @@ Segments = tuple[Vector, NDArray[np.float64], NDArray[np.float64]]
 def seen_at(model: Model, times: Vector, begin: float) -> Vector:
     """The times [s] of the command's clock at which was seen what is shown at `times` (k,); `begin` is that of the run."""
     for active in model.config.effects:
-        effect = active.found.effect
+        effect = active.effect
         if effect.clock is not None:
             times = begin + np.asarray(effect.clock(times - begin, SimpleNamespace(**active.by_short_name)), float)
     return times

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -11,15 +10,14 @@ import numpy as np
 
 from sma_sim.compiler.effect_kernels import native_effect, own_kernels
 from sma_sim.compiler.fields_read import fields_read
-from sma_sim.model.effects.conversion import like_of, with_parameters
-from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect
+from sma_sim.model.effects.conversion import effect_on, like_of, with_parameters
+from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.model.effects.effect import CHAIN, Effect
 from sma_sim.model.effects.meaning import POSE, acting_coordinates, acts_on, channel_slots
 from sma_sim.model.effects.ports import CHANNELS, PORT_NAMES, S_POSE, SENSING, STRUCTURE_FORCE, EffectTable
 from sma_sim.model.effects.scope import FORM_SIZE, MASK_SIZE
 from sma_sim.model.layout import System
 from sma_sim.model.parameters import WireConstants
-from sma_sim.model.structures.discovery import FoundStructure
 from sma_sim.model.structures.structure import Constants, Structure
 
 # Size of a change in a channel that is no coordinate, for the states of sensing effects.
@@ -69,7 +67,7 @@ def acting_order(effects: Sequence[Effect], structure: Structure) -> tuple[int, 
 
 def sizes_of_states(active: Sequence[ActiveEffect], structure: Structure) -> dict[str, tuple[float, ...]]:
     """The scales of the extra states by effect, in the order in which the states of a model have them."""
-    effects = [as_on(one, structure).found.effect for one in active]
+    effects = [as_on(one, structure).effect for one in active]
     found = {effects[k].name: tuple(state_scales(effects[k], structure)) for k in acting_order(effects, structure)}
     return {name: sizes for name, sizes in found.items() if sizes}
 
@@ -91,13 +89,12 @@ class Layout(NamedTuple):
 
 
 @lru_cache(256)
-def layout(found: tuple[FoundEffect, ...], on: FoundStructure, first_state: int) -> Layout:
+def layout(active: tuple[Effect, ...], structure: Structure, first_state: int) -> Layout:
     """The layout of some effects, whose extra states begin at `first_state`; fits make models with other values only."""
-    structure = on.structure
-    order = acting_order([one.effect for one in found], structure)
-    effects = [found[k].effect for k in order]
+    order = acting_order(active, structure)
+    effects = [active[k] for k in order]
     ports = np.array([effect.order[0] for effect in effects], dtype=np.int64)
-    natives = [native_effect(found[k], on if own_kernels(found[k].effect, structure) else None).addresses for k in order]
+    natives = [native_effect(one, structure if own_kernels(one, structure) else None).addresses for one in effects]
     addresses = np.array(natives, dtype=np.int64).reshape(-1, 3).T.copy()
     scales: list[float] = []
     state_start = []
@@ -142,38 +139,37 @@ def as_on(active: ActiveEffect, structure: Structure) -> ActiveEffect:
     Where the effect is as declared for the module, channels of the structure take the value of the like one of the module
     (`parameters_of_channels`), and what it has there for each bundle or in space is neutral.
     """
-    declared, values = active.found.effect, active.by_short_name
+    declared, values = active.effect, active.by_short_name
     if declared.by_channel:
         if declared.structure is structure or declared.scope.name or not structure.coordinates:
             return active
-        own = active.found.on(structure)
-        likes = {p.name: like_of(declared, p.name, structure) for p in own.effect.parameters if p.name in structure.channels}
-        return ActiveEffect(own, tuple(values[(likes.get(p.name) or p).name] for p in own.effect.parameters))
+        own = effect_on(active.effect, structure)
+        likes = {p.name: like_of(declared, p.name, structure) for p in own.parameters if p.name in structure.channels}
+        return ActiveEffect(own, tuple(values[(likes.get(p.name) or p).name] for p in own.parameters))
     effect = with_parameters(declared, structure)
     if effect is declared:
         return active
-    found = replace(active.found, effect=effect, plain=active.found.plain or active.found)
     more = effect.parameters[len(declared.parameters) :]
-    return ActiveEffect(found, (*active.values, *(p.default if p.neutral is None else p.neutral for p in more)))
+    return ActiveEffect(effect, (*active.values, *(p.default if p.neutral is None else p.neutral for p in more)))
 
 
 def effect_table(
-    active: Sequence[ActiveEffect], on: FoundStructure, first_state: int, wire: WireConstants, constants: Constants
+    active: Sequence[ActiveEffect], on: Structure, first_state: int, wire: WireConstants, constants: Constants
 ) -> tuple[EffectTable, tuple[float, ...]]:
     """The table of the active effects and the scales of their extra states, which begin at `first_state`."""
-    active = [as_on(one, on.structure) for one in active]
-    plan = layout(tuple(one.found for one in active), on, first_state)
+    active = [as_on(one, on) for one in active]
+    plan = layout(tuple(one.effect for one in active), on, first_state)
     of_wire, of_structure = np.array(wire, dtype=float), np.array(constants, dtype=float)
-    structural = [active[k].found.effect.port == PORT_NAMES[STRUCTURE_FORCE] for k in plan.order]
-    coordinates = max(len(on.structure.coordinates), len(POSE))  # most kernels take the state of these
+    structural = [active[k].effect.port == PORT_NAMES[STRUCTURE_FORCE] for k in plan.order]
+    coordinates = max(len(on.coordinates), len(POSE))  # most kernels take the state of these
     table = EffectTable(
         **plan.fields,
         constants=np.array([(of_structure if of else of_wire).ctypes.data for of in structural], dtype=np.int64),
         parameters=np.array([v for k in plan.order for v in with_mask(active[k])], dtype=float),
-        s=np.zeros((on.structure.wires, S_POSE + 2 * coordinates)),
+        s=np.zeros((on.wires, S_POSE + 2 * coordinates)),
         wire=of_wire,
         structure=of_structure,
-        out=np.zeros(max([16, len(on.structure.coordinates), *plan.fields['states']])),
+        out=np.zeros(max([16, len(on.coordinates), *plan.fields['states']])),
         contribution=np.zeros((len(active), 3)),
     )
     return table, plan.scales
@@ -181,7 +177,7 @@ def effect_table(
 
 def with_mask(active: ActiveEffect) -> tuple[float, ...]:
     """The parameters of an effect, the mask of its scope, and what another form of its law has, as its kernels read them."""
-    scope, own = active.found.effect.scope, len(active.values)
+    scope, own = active.effect.scope, len(active.values)
     if scope.field:
         own -= FORM_SIZE
     return (*active.values[:own], *scope.mask, *active.values[own:])

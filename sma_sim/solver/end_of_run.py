@@ -97,7 +97,7 @@ def melting_note(temperatures: Vector) -> str:
 
 def warn_of_idle_effects(config: Config, stacklevel: int = 4) -> None:
     """Warn of active effects that have no meaning in the system, and are therefore left out, at the line of the caller."""
-    for words in idle_effects((active.found.effect for active in config.effects), config.structure.structure):
+    for words in idle_effects((active.effect for active in config.effects), config.structure):
         warnings.warn(words, PhysicsWarning, stacklevel=stacklevel)
 
 

@@ -51,7 +51,7 @@ class Model:
     @cached_property
     def structure(self) -> Structure:
         """What the wires pull on."""
-        return self.config.structure.structure
+        return self.config.structure
 
     @property
     def wires(self) -> int:
@@ -61,7 +61,7 @@ class Model:
     @property
     def uses_time(self) -> bool:
         """Whether the flow depends on time other than through the input."""
-        acting = (active.found.effect for active in self.config.effects if not active.found.effect.only_shows)
+        acting = (active.effect for active in self.config.effects if not active.effect.only_shows)
         return any(uses_time(effect) for effect in acting)
 
     @cached_property
@@ -79,7 +79,7 @@ class Model:
         """The table of the active effects, and the scales of their extra states."""
         config, before = self.config, 2 * len(self.structure.coordinates) + self.wires
         first_state = before + (self.wires if config.simulated_kinetics == 'mas' else 0)
-        return effect_table(config.effects, config.structure, first_state, self.wire, self.constants)
+        return effect_table(config.effects, self.structure, first_state, self.wire, self.constants)
 
     @cached_property
     def compiled(self) -> System:
@@ -93,7 +93,7 @@ class Model:
         scales = [coordinate.size(self.constants) for coordinate in structure.coordinates]
         numbers_read = [*self.constants, *scales, *inertia_of(structure, self.constants), wire.l0]
         at = StructureTable(
-            *native_structure(config.structure).addresses, np.array(numbers_read, dtype=float), new_effects(structure)
+            *native_structure(structure).addresses, np.array(numbers_read, dtype=float), new_effects(structure)
         )
         return System(
             n,

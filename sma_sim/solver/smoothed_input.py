@@ -232,7 +232,7 @@ def passes_lines(effects: Sequence[ActiveEffect], structure: Structure, wire: Wi
     A threshold or a saturation is not: the mean of what it passes on is not what it makes of the mean.
     """
     for active in effects:
-        effect = active.found.effect
+        effect = active.effect
         if effect.port == PORT_NAMES[ACTUATION]:
             if not is_linear(active, structure, wire, largest):
                 return False
@@ -243,7 +243,7 @@ def passes_lines(effects: Sequence[ActiveEffect], structure: Structure, wire: Wi
 
 def is_linear(active: ActiveEffect, structure: Structure, wire: WireConstants, largest: float) -> bool:
     """Whether an effect on actuation, and the rates of its states, are linear in the command; not where they fail."""
-    effect = active.found.effect
+    effect = active.effect
     kind = kernel_types(effect, structure if own_kernels(effect, structure) else None).state
     further = {p.name: p.neutral for p in (*(each.parameter for each in effect.each_bundle), *effect.in_space)}
     fields = parameter_fields(effect)

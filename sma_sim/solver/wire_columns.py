@@ -16,12 +16,12 @@ from sma_sim.model.structures.structure import numbers, record
 def strains_from_pose(config: Config, columns: Mapping[str, Vector]) -> dict[str, Vector]:
     """Strains of a structure's wires from its pose (of the module EB-B2a), (k,) each."""
     strains = strains_and_ratios(config, columns)[:, :, 0]
-    return {f'strain{suffix}': strains[:, i] for i, suffix in enumerate(config.structure.structure.wire_suffixes)}
+    return {f'strain{suffix}': strains[:, i] for i, suffix in enumerate(config.structure.wire_suffixes)}
 
 
 def stresses_from_forces(config: Config, columns: Mapping[str, Vector]) -> dict[str, Vector]:
     """Stresses [Pa] of a structure's wires, (k,) each, from the forces of their bundles, of coils from the pose too."""
-    structure, w = config.structure.structure, wire_constants(config.parameters)
+    structure, w = config.structure, wire_constants(config.parameters)
     forces = {suffix: columns[f'F{suffix}_N'] / (w.n * w.section) for suffix in structure.wire_suffixes}
     if structure.strain is not None:
         ratios = strains_and_ratios(config, columns)[:, :, 1]
@@ -31,7 +31,7 @@ def stresses_from_forces(config: Config, columns: Mapping[str, Vector]) -> dict[
 
 def strains_and_ratios(config: Config, columns: Mapping[str, Vector]) -> NDArray[np.float64]:
     """Strain of every wire and l0 times its derivative in the wire's length, (k, wires, 2)."""
-    structure = config.structure.structure
+    structure = config.structure
     assert structure.lengths is not None
     constants, pose = structure.constants_of(config.parameters), record('Pose', structure.coordinate_names)
     rows = np.column_stack([columns[coordinate.column] for coordinate in structure.coordinates]).tolist()
@@ -44,7 +44,7 @@ def strains_and_ratios(config: Config, columns: Mapping[str, Vector]) -> NDArray
 
 def heating_of_wire(config: Config, columns: Mapping[str, Vector], wire: int) -> Vector:
     """Heating of one wire of a bundle [W] (samples,), as `model.system.commanded_heating` has it."""
-    structure = config.structure.structure
+    structure = config.structure
     if not structure.coordinates:
         return columns['J_W']
     pair = structure.antagonistic

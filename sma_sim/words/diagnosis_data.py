@@ -165,8 +165,8 @@ def variants(diagnosis: Diagnosis) -> dict[str, str]:
     """By effect of the last model that acts in a part of its places, or in another form: which, in words."""
     words = {}
     for active in diagnosis.calibration.config.effects:
-        effect = active.found.effect
-        form = other_form(active.found, active.by_short_name)
+        effect = active.effect
+        form = other_form(active.effect, active.by_short_name)
         words[effect.plain_name] = ', '.join(filter(None, (effect.scope.words, form)))
     return {name: form for name, form in words.items() if form}
 
@@ -178,11 +178,11 @@ def ranking(first: SelectionStep, diagnosis: Diagnosis) -> list[dict[str, Any]]:
 
 def rank_of(candidate: CandidateFit, ratios: Mapping[str, float]) -> dict[str, Any]:
     """The entry of a candidate."""
-    units = {parameter.name: parameter.unit for parameter in candidate.found.effect.parameters}
+    units = {parameter.name: parameter.unit for parameter in candidate.effect.parameters}
     std = {name.rpartition('.')[2]: s for name, s in candidate.std.items() if name.startswith(f'effects.{candidate.name}.')}
     return {
-        'effect': candidate.found.effect.plain_name,
-        'scope': candidate.found.effect.scope.words,
+        'effect': candidate.effect.plain_name,
+        'scope': candidate.effect.scope.words,
         'log_odds': candidate.log_odds,
         'delta_bic': candidate.delta_bic,
         'held_out_error_ratio': ratios.get(candidate.name, candidate.error_ratio),
@@ -192,7 +192,7 @@ def rank_of(candidate: CandidateFit, ratios: Mapping[str, float]) -> dict[str, A
         },
         'plausible': candidate.plausible,
         'confounded_with': tuple(dict.fromkeys(plain_names(candidate.indistinguishable))),
-        'same_as': candidate.found.effect.same_as,
+        'same_as': candidate.effect.same_as,
     }
 
 

@@ -277,7 +277,7 @@ def implausible_lines(diagnosis: Diagnosis) -> Iterator[str]:
     for candidate in accepted_fits(diagnosis):
         own = [one for one in implausible if one.name.startswith(f'effects.{candidate.name}.')]
         if own and not candidate.plausible:
-            fitted = {p.name: value_of(p, diagnosis, candidate.name) for p in candidate.found.effect.parameters}
+            fitted = {p.name: value_of(p, diagnosis, candidate.name) for p in candidate.effect.parameters}
             known = {name: value for name, value in fitted.items() if value is not None}
             yield TAKEN_UNREALISTIC.format(values=beyond_words(candidate, known))
             implausible = tuple(one for one in implausible if one not in own)
@@ -318,7 +318,7 @@ def beyond_words(candidate: CandidateFit, values: Mapping[str, float]) -> str:
     return joined_words(
         [
             f'{p.name} = {values[p.name]:.4g}{unit_of(p)} (realistic: {p.realistic[0]:g} to {p.realistic[1]:g})'
-            for p in unrealistic(candidate.found, values)
+            for p in unrealistic(candidate.effect, values)
             if p.realistic is not None
         ]
     )
@@ -326,20 +326,20 @@ def beyond_words(candidate: CandidateFit, values: Mapping[str, float]) -> str:
 
 def parameter_lines(candidate: CandidateFit, diagnosis: Diagnosis) -> Iterator[str]:
     """An accepted effect: its values in the last fit beside what is realistic, and what explains as well."""
-    for parameter in candidate.found.effect.parameters:
+    for parameter in candidate.effect.parameters:
         if f'effects.{candidate.name}.{parameter.name}' in diagnosis.calibration.values:
             real = parameter.realistic
             range_ = f'  [realistic: {real[0]:g} to {real[1]:g}]' if real else ''
             yield f'{candidate.name}.{value_words(parameter, diagnosis, candidate.name)}{range_}  {parameter.description}'
-    if candidate.found.effect.same_as:
-        yield f'No data can tell it from {candidate.found.effect.same_as}.'
+    if candidate.effect.same_as:
+        yield f'No data can tell it from {candidate.effect.same_as}.'
 
 
 def rival_lines(diagnosis: Diagnosis) -> Iterator[str]:
     """By accepted effect, which others explain as well; of a single one the headline says it."""
     for candidate in accepted_fits(diagnosis):
         if candidate.indistinguishable and len(diagnosis.effects) > 1:
-            yield f'For {candidate.found.effect.phrase}, {rival_words(candidate, diagnosis)}.'
+            yield f'For {candidate.effect.phrase}, {rival_words(candidate, diagnosis)}.'
 
 
 def rival_words(candidate: CandidateFit, diagnosis: Diagnosis) -> str:
@@ -353,7 +353,7 @@ def rival_words(candidate: CandidateFit, diagnosis: Diagnosis) -> str:
 
 def decisive(candidate: CandidateFit, diagnosis: Diagnosis) -> list[Parameter]:
     """The fitted parameters of an effect whose interval excludes no effect; all of them where none does."""
-    fitted = [p for p in candidate.found.effect.parameters if value_of(p, diagnosis, candidate.name) is not None]
+    fitted = [p for p in candidate.effect.parameters if value_of(p, diagnosis, candidate.name) is not None]
     found = []
     for parameter in fitted:
         interval, neutral = interval_of(parameter, diagnosis, candidate.name), parameter.neutral
@@ -394,5 +394,5 @@ def accepted_fits(diagnosis: Diagnosis) -> list[CandidateFit]:
 def phrase_of(name: str, diagnosis: Diagnosis) -> str:
     """What a sentence calls an effect."""
     fits = [candidate for step in diagnosis.selection_steps for candidate in step.candidate_fits]
-    effects = {candidate.name: candidate.found.effect for candidate in fits}
+    effects = {candidate.name: candidate.effect for candidate in fits}
     return effects[name].phrase if name in effects else name.replace('_', ' ')

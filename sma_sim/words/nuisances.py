@@ -70,7 +70,7 @@ def beginning_words(wires: Mapping[str, Sequence[WireAtBeginning]]) -> str:
 
 def given_effects(found: Calibration, findings: Collection[str]) -> list[ActiveEffect]:
     """The active effects that are no `findings`: the model had them from the start."""
-    return [active for active in found.config.effects if active.found.effect.name not in findings]
+    return [active for active in found.config.effects if active.effect.name not in findings]
 
 
 def nuisance_sentences(found: Calibration, findings: Collection[str]) -> list[str]:
@@ -84,7 +84,7 @@ def nuisance_sentences(found: Calibration, findings: Collection[str]) -> list[st
 
 def effect_words(active: ActiveEffect, intervals: dict[str, Interval]) -> str:
     """An effect with its parameters, those that were fitted with their intervals."""
-    effect, shown = active.found.effect, []
+    effect, shown = active.effect, []
     for parameter, value in zip(effect.parameters, active.values, strict=True):
         interval = intervals.get(f'effects.{effect.name}.{parameter.name}')
         unit = '' if parameter.unit == '-' else f' {parameter.unit}'
@@ -97,7 +97,7 @@ def nuisance_data(found: Calibration, findings: Collection[str]) -> dict[str, An
     """All of it for programs (SI)."""
     return {
         'delay': found.delay,
-        'effects': {active.found.effect.name: active.by_short_name for active in given_effects(found, findings)},
+        'effects': {active.effect.name: active.by_short_name for active in given_effects(found, findings)},
         'zeros': {fit.name: dict(fit.zeros) for fit in found.runs if fit.zeros},
         'drifts': {fit.name: dict(fit.drifts) for fit in found.runs if fit.drifts},
     }

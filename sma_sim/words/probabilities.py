@@ -16,6 +16,7 @@ from typing import Any
 
 from sma_sim.evidence.search.posterior import EVEN
 from sma_sim.evidence.search.refine import TIE
+from sma_sim.model.effects.conversion import effect_on
 from sma_sim.model.effects.discovery import package_effects
 from sma_sim.model.effects.scope import FORM, SEPARATOR, words_of
 from sma_sim.model.structures.discovery import known_structures
@@ -53,8 +54,8 @@ def effect_words(name: str, system: str = MODULE.name) -> str:
     """What a sentence calls an effect, NAME or NAME@SCOPE, on a structure."""
     plain, _, scope = name.partition(SEPARATOR)
     known, structure = package_effects().get(plain), known_structures().get(system)
-    known = known.on(structure) if known and structure else known
-    phrase = known.effect.phrase if known else plain.replace('_', ' ')
+    known = effect_on(known, structure) if known and structure else known
+    phrase = known.phrase if known else plain.replace('_', ' ')
     scope, _, field = scope.partition(FORM)
     place = re.sub(r'^wire_(\d+)_?$', r'wire \1', scope).rstrip('_')
     words = '' if not scope else ', shared by the wires' if scope == 'shared' else f', in {place} only'

@@ -233,7 +233,7 @@ def errors_at(fitted: Dataset, model: LinearModel, rtol: float, executor: Execut
         nuisance = model.problem.nuisance(run, model.z[indices])
         futures.append(executor.submit(run_beside_model, config, prepared, nuisance, fitted.noise_std, False))
     runs = [future.result() for future in futures]
-    scores = channel_scores(runs, in_order(fitted.channels, config.structure.structure.name))
+    scores = channel_scores(runs, in_order(fitted.channels, config.structure.name))
     return {name: score.over_noise for name, score in scores.items()}, total_error(list(scores.values()))
 
 
@@ -274,13 +274,11 @@ def switched_on(
 
 def fitted_alone(base: LinearModel, result: ScreeningResult, executor: Executor) -> LinearModel:
     """A model with one effect more where that explains most, from what the score test says of it, or nearer to nothing."""
-    found = result.candidate.found
+    found = result.candidate.effect
     config = with_effect(base.problem.config, found, {})
     values = config.effects[-1].by_short_name
     free = [
-        realistic(f'effects.{found.effect.name}.{p.name}', values[p.name], p)
-        for p in found.effect.parameters
-        if p.name in result.values
+        realistic(f'effects.{found.name}.{p.name}', values[p.name], p) for p in found.parameters if p.name in result.values
     ]
     problem = replace(base.problem, config=config, free=tuple(free))
     said = np.array([one.coordinate(result.values[one.name.rpartition('.')[2]]) for one in free])

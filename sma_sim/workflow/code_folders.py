@@ -11,7 +11,6 @@ from sma_sim.model.argument_checks import checked
 from sma_sim.model.config import Config, folders_of
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameter_file import parameter_file
-from sma_sim.model.plugins import OWN
 
 
 def folders_from(out: Path, folders: Sequence[Path]) -> list[str]:
@@ -50,11 +49,11 @@ def write_config(config: Config, path: str | Path) -> Path:
     True
     """
     target = Path(path)
-    own = [active.found for active in config.effects if active.found.packages != OWN and not active.found.files]
+    own = [active.effect for active in config.effects if active.effect.is_own and not active.effect.files]
     if own or (config.own_structure is not None and not config.own_structure.files):
-        name = own[0].effect.name if own else config.system
+        name = own[0].name if own else config.system
         raise UserError(f'{name} is in no file: write it as EFFECT or STRUCTURE to one, and name its folder')
-    effect_folders = sorted({file.parent for active in config.effects for file in active.found.files})
+    effect_folders = sorted({file.parent for active in config.effects for file in active.effect.files})
     text = parameter_file_at(target, config, folders_from(target, effect_folders))
     write_whole(target, lambda file: file.write(text))
     return target

@@ -51,7 +51,7 @@ class DataRequest:
         further = [file for file in held_out_files(self.hold_out) if file.resolve() not in known | inside]
         return read_dataset(
             [*self.data, *further],
-            config.structure.structure.name,
+            config.structure.name,
             config.parameters['environment.T_E'],
             self.map,
             self.noise,

@@ -36,7 +36,7 @@ def confounded(found: Diagnosis) -> tuple[str, ...]:
 
     They are those of the last effect that others explain as well: what was there beside it is part of each.
     """
-    if not found.calibration.config.structure.structure.has_one_command or not found.selection_steps:
+    if not found.calibration.config.structure.has_one_command or not found.selection_steps:
         return ()
     given = len(found.selection_steps[0].base.effects)
     for step in reversed(found.deciding_steps):

@@ -57,7 +57,7 @@ def sheet_rows(found: Calibration) -> tuple[SheetRow, ...]:
 
 def belongs(name: str, found: Calibration) -> bool:
     """Whether a parameter says something of this system: those of another structure are left out."""
-    structure = found.config.structure.structure
+    structure = found.config.structure
     return name.startswith(('wire.', 'effects.')) or name in structure.declared or name in structure.fitted
 
 

@@ -118,7 +118,7 @@ def test_own_effects_are_fitted_and_found_again(runs, tmp_path):
     words = ['fit', str(runs), '--config', str(config), '--free', 'wire.lambda,beam.E,effects.harness.k']
     assert main([*words, '--model', 'hybrid', '--starts', '1', '-o', str(out)]) == 0
     effect = read_config(out).effects[0]
-    assert effect.found.effect.name == 'harness' and effect.values[0] != 0.3
+    assert effect.effect.name == 'harness' and effect.values[0] != 0.3
 
 
 def test_a_cluster_does_the_work(runs, tmp_path):

@@ -261,7 +261,7 @@ def test_an_edit_within_a_second_is_seen(tmp_path, monkeypatch):
     for factor in range(1, 6):
         (tmp_path / 'quick_helper.py').write_text(f'def heat(s, w, p):\n    return {factor}.0\n')
         os.utime(tmp_path / 'quick_helper.py', (1e9, 1e9))
-        assert find_effects([tmp_path])['own'].effect.kernel(None, None, None) == factor
+        assert find_effects([tmp_path])['own'].kernel(None, None, None) == factor
 
 
 def test_helpers_of_one_name_belong_to_their_folders(tmp_path):
@@ -272,7 +272,7 @@ def test_helpers_of_one_name_belong_to_their_folders(tmp_path):
         text = OWN.format(port='wire_heat', kernel='lambda s, w, p: shared_name.FACTOR').replace("'own'", f"'{name}'")
         (tmp_path / name / f'{name}.py').write_text('import shared_name\n' + text)
     found = find_effects([tmp_path / 'one', tmp_path / 'two'])
-    assert [found[name].effect.kernel(None, None, None) for name in ('one', 'two')] == [1.0, 2.0]
+    assert [found[name].kernel(None, None, None) for name in ('one', 'two')] == [1.0, 2.0]
 
 
 def test_edited_effect_takes_effect(step, tmp_path):

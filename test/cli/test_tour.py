@@ -17,5 +17,5 @@ def test_the_tour(tmp_path, capsys):
     steps = json.loads((out / 'verdict.json').read_text())['error']
     assert steps[0]['held_out'] > 2.0 and steps[-1]['held_out'] < 1.15
     assert (out / 'error_fall.png').stat().st_size > 5000 and len(list(out.glob('*.html'))) == 4
-    assert [active.found.effect.name for active in read_config(out / 'better.yaml').effects] == ['ambient_heating']
+    assert [active.effect.name for active in read_config(out / 'better.yaml').effects] == ['ambient_heating']
     assert main(['tour', '--out', str(out)]) == 2

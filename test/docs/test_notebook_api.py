@@ -2,6 +2,7 @@
 
 import copy
 import importlib.util
+import json
 import pickle
 import re
 import sys
@@ -156,6 +157,26 @@ def test_results_that_were_saved_before_a_class_moved_are_read():
     for module, now in MOVED.items():
         assert importlib.util.find_spec(module) is None and importlib.util.find_spec(now) is not None
     assert resolved('sma_sim.evidence.estimation.limits:LimitReached') is LimitReached
+
+
+def test_results_that_were_saved_before_a_field_was_renamed_are_read(tmp_path):
+    run = sma_sim.compare(one(), Config(effects=[sma_sim.effects.gravity(g_y=-3.0)]), nuisances=False)
+    arrays = dict(np.load(run.save(tmp_path / 'run.npz')))
+    content = json.loads(arrays.pop('content').tobytes())
+    (active,) = (record['fields'] for record in content['objects'] if record.get('class', '').endswith(':ActiveEffect'))
+    active['found'] = active.pop('effect')
+    np.savez(tmp_path / 'old.npz', content=np.frombuffer(json.dumps(content).encode(), np.uint8), **arrays)
+    assert sma_sim.load(tmp_path / 'old.npz') == run
+
+
+def test_effects_and_structures_go_on_in_the_old_spelling_with_a_warning():
+    active, structure = Config(effects='gravity').effects[0], Config().structure
+    with pytest.warns(DeprecationWarning, match='.effect is the object itself now') as told:
+        assert sma_sim.find_effects()['gravity'].effect.port == 'structure_force'
+        assert active.found.effect is active.effect is sma_sim.effects.gravity
+        assert replace(active, found=sma_sim.effects.radiation).effect.name == 'radiation'
+        assert sma_sim.find_structures()['module'].structure is structure.structure is sma_sim.structures.module
+    assert __file__ in {warning.filename for warning in told} and len(told) == 6
 
 
 def test_a_file_runs_no_code_and_says_what_it_lacks(tmp_path):

@@ -19,21 +19,18 @@ from sma_sim.solver.inputs import inputs_at
 
 EXAMPLE = Path(__file__).resolve().parents[2] / 'examples' / 'own_structure'
 ROCKER = find_structures([EXAMPLE])['rocker']
-STRUCTURES = {name: found for name, found in package_structures().items() if not found.structure.variant_of} | {
-    'rocker': ROCKER
-}
+STRUCTURES = {name: found for name, found in package_structures().items() if not found.variant_of} | {'rocker': ROCKER}
 
 
 @pytest.fixture(scope='module', params=STRUCTURES)
 def run(request):
     """A structure, and the columns of a short run of it in which everything that is imposed changes."""
-    found = STRUCTURES[request.param]
-    structure = found.structure
+    structure = STRUCTURES[request.param]
     heating = range(len(structure.commands))
     rows = [[*(0.02 * (k % 2) for _ in structure.drives), *(0.4 * (k + i) for i in heating), 298.0 + k] for k in range(4)]
     linear = [True] * len(structure.drives) + [False] * (len(structure.commands) + 1)
     source = Input(np.array([0.0, 0.1, 0.2, 0.3]), np.array(rows), tuple(linear), structure.input_columns)
-    own = found if request.param == 'rocker' else None
+    own = structure if request.param == 'rocker' else None
     trajectory = simulate(Model(Config(system=request.param, own_structure=own)), source, 100.0)
     return structure, inputs_at(source, trajectory.time) | trajectory.columns | trajectory.resistances
 
@@ -86,7 +83,7 @@ def test_a_bag_tells_its_topics_where_nobody_knows_the_structure(tmp_path, run, 
     assert list(read_bag(tmp_path / 'run.mcap')) == list(interface_of(structure).columns)
 
 
-TOLD = json.loads(interface_of(ROCKER.structure).as_json())
+TOLD = json.loads(interface_of(ROCKER).as_json())
 WRONG = ({'wires': 'two'}, {'wires': 10**9}, {'joints': ['a']}, {'drives': {'a': 1}}, {'commands': [1]}, {'channels': None})
 
 

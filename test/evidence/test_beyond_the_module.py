@@ -26,6 +26,7 @@ from sma_sim.evidence.symbolic_regression.locations import locations_for
 from sma_sim.evidence.symbolic_regression.term_fits import TermFit
 from sma_sim.evidence.symbolic_regression.universal_term import universal_term
 from sma_sim.evidence.symbolic_regression.visited_states import ModelRuns
+from sma_sim.model.effects.conversion import effect_on
 from sma_sim.model.effects.discovery import find_effects
 from sma_sim.model.effects.meaning import acts_on
 from sma_sim.solver.inputs import Input
@@ -70,7 +71,7 @@ def dataset_of(model, seeds, channels, **options):
 def test_ports_and_terms_of_every_structure(name):
     """A force on each coordinate, four quantities in each wire, each sensor; every term makes a file that loads."""
     config = config_of(name)
-    structure = config.structure.structure
+    structure = config.structure
     ports = ports_of(config, structure.channels)
     count = {hook: sum(port.hook == hook for port in ports) for hook in ('structure_force', 'wire_heat', 'sensing')}
     assert count == {
@@ -82,7 +83,7 @@ def test_ports_and_terms_of_every_structure(name):
     for location in locations_for(config, structure.channels):
         for term in location.terms[:: 1 if len(ports) < 16 else 9]:
             fit = TermFit(location, term, (0.5,) * len(term.shapes), 1e-3, 0.0, ((0.1, 0.9),) * len(term.shapes))
-            effect = Formula((fit,), structure).load().effect
+            effect = Formula((fit,), structure).load()
             assert effect.port == location.hook and effect.parameters[0].neutral == 0.0
 
 
@@ -106,7 +107,7 @@ NIGHTLY = (
 )
 def test_a_formula_in_a_file_is_the_term_that_was_fitted(name, location, term, shapes, coefficient):
     config, times = config_of(name), np.linspace(0.0, 15.0, 61)
-    structure = config.structure.structure
+    structure = config.structure
     place = next(place for place in locations_for(config, structure.channels) if place.name == location)
     fit = TermFit(
         place, next(t for t in place.terms if t.name == term), shapes, coefficient, 0.0, ((1e-9, 1e9),) * len(shapes)
@@ -119,7 +120,7 @@ def test_a_formula_in_a_file_is_the_term_that_was_fitted(name, location, term, s
         return np.array([run[c.column] / c.size(structure.default_constants) for c in structure.coordinates])
 
     nominal = shown(config)
-    compiled = shown(with_effect(config, chooser.found, chooser.values(place, fit.term, coefficient, shapes)))
+    compiled = shown(with_effect(config, chooser.effect, chooser.values(place, fit.term, coefficient, shapes)))
     written = shown(with_effect(config, formula.load(), {p.name: p.default for p in formula.parameters}))
     change = np.abs(compiled - nominal).max()
     assert change > 1e-3 and written == pytest.approx(compiled, abs=2e-3 * change + 1e-5)
@@ -264,8 +265,8 @@ def test_an_equation_for_a_slider_is_found(tmp_path, monkeypatch):
 )
 def test_variants_of_effects_on_every_structure(name, some):
     """Effects in one wire, coordinate or channel of several; a slider with one wire has none of which there are several."""
-    structure = MOVING[name].structure
-    effects = [candidate_of(one.on(structure)) for one in find_effects().values() if acts_on(one.effect, structure)]
+    structure = MOVING[name]
+    effects = [candidate_of(effect_on(one, structure)) for one in find_effects().values() if acts_on(one, structure)]
     names = {variant.name for variant in variants_of(effects, structure.channels)}
     assert set(some) <= names and bool(names) == bool(some)
     assert all(int(one.rpartition('@wire_')[2]) <= structure.wires for one in names if '@wire_' in one)
@@ -282,8 +283,8 @@ def test_an_effect_in_one_wire_of_a_lever_is_found():
 
 def test_a_users_structure_is_known_by_the_terms():
     """The effect file of a formula names the user's structure, and compiles with it."""
-    config = Config(ROCKER.structure.default_values, 'rocker', own_structure=ROCKER)
-    assert universal_term('structure_force', False, config.structure).found.effect.systems == ('rocker',)
+    config = Config(ROCKER.default_values, 'rocker', own_structure=ROCKER)
+    assert universal_term('structure_force', False, config.structure).effect.systems == ('rocker',)
 
 
 @pytest.mark.slow

@@ -275,7 +275,7 @@ def test_truth_and_library_mean_the_same_physics(name, values, same):
         assert listed.keys() & same.keys() and {**same, **listed} == pytest.approx({**listed, **same})
     time, channels = measure([(name, values)])
     found = find_effects()[truths()[name].library]
-    active = ActiveEffect(found, tuple(same.get(p.name, p.default) for p in found.effect.parameters))
+    active = ActiveEffect(found, tuple(same.get(p.name, p.default) for p in found.parameters))
     model = Model(Config(default_parameters() | {'solver.rtol': 1e-7}, 'module', 'mas', (active,)))
     whole = Input(np.r_[-REST_DURATION, COMMAND.times], np.vstack([[[0.0, 298.0]], COMMAND.values]), COMMAND.linear)
     run = simulate(model, whole, time)

@@ -74,7 +74,7 @@ def test_inner_loops_holds_and_halves_are_no_cycles():
 def many_cycles(hottest, stress=2e8, system='wire_under_load_at_T', J=0.0):
     """A test whose cycles go up to the `hottest` temperatures [K], one after the other, under a stress [Pa] (each)."""
     T = np.concatenate([[300.0], *(np.linspace([310.0, hot - 10.0], [hot, 300.0], 10).T.ravel() for hot in hottest)])
-    time, structure = np.arange(len(T)) * 20.0, read_config(words=['system=' + system]).structure.structure
+    time, structure = np.arange(len(T)) * 20.0, read_config(words=['system=' + system]).structure
     drives = [np.broadcast_to(stress, T.shape), T] if structure.is_quasi_static else [np.broadcast_to(stress, T.shape)]
     columns = np.column_stack([*drives, np.full(len(T), J) * (time > time[-2]), np.full(len(T), 298.0)])
     source = Input(time, columns, (*[True] * len(drives), False, False), structure.input_columns)
@@ -122,7 +122,7 @@ def cycled_wire(folder, effects, rows, noise, seed, count=COUNT):
     T = np.concatenate([np.concatenate([down, down[::-1]]) for _ in range(count)])
     times = np.concatenate([[0.0], np.cumsum(np.maximum(np.abs(np.diff(T)) / 0.5, 1e-3))])
     values = np.column_stack([np.full(len(T), 2e8), T, 0.0 * T, np.full(len(T), 298.0)])
-    structure = truth.structure.structure
+    structure = truth.structure
     source = Input(times, values, (True, True, False, False), structure.input_columns)
     strain = simulate(Model(truth), source, times)['strain']
     columns = np.column_stack([T - 273.15 + noise * random.normal(size=len(T)), strain + 3e-5 * random.normal(size=len(T))])

@@ -162,7 +162,7 @@ def test_a_score_test_sees_what_a_delay_leaves_of_a_lag(monkeypatch):
     nominal = config('mas')
     found = next(one for one in candidates_for(nominal) if one.name == 'driver_lag')
     middle = replace(found, families=found.families[len(found.families) // 2 :][:1])
-    truth = with_effect(nominal, found.found, {'tau': 0.03})
+    truth = with_effect(nominal, found.effect, {'tau': 0.03})
     runs = [recording(truth, command(seed, 40.0), 20.0, 1.0, seed=seed, channels=('alpha', 'U_y')) for seed in (1, 2)]
     noise = {name: NOISE[name] for name in ('alpha', 'U_y')}
     problem = problem_for(Dataset(tuple(runs), noise), nominal, FitOptions(free=('wire.sigma_T',)), 1)
@@ -177,7 +177,7 @@ def test_a_score_test_sees_what_a_delay_leaves_of_a_lag(monkeypatch):
 def test_a_score_test_probes_a_weak_effect_at_its_own_strength():
     """Its response over the usual step is not ten times that over a tenth."""
     nominal, found = config('mas'), next(one for one in candidates_for(config('mas')) if one.name == 'thermal_crosstalk')
-    truth, channels = with_effect(nominal, found.found, {'G': 3e-3}), ('alpha', 'U_y')
+    truth, channels = with_effect(nominal, found.effect, {'G': 3e-3}), ('alpha', 'U_y')
     runs = [recording(truth, command(seed, 60.0), 20.0, 1.0, seed=seed, channels=channels) for seed in (1, 2)]
     dataset = Dataset(tuple(runs), {name: NOISE[name] for name in channels})
     problem = problem_for(dataset, nominal, FitOptions(free=('beam.E',)), 1)
@@ -240,7 +240,7 @@ def test_an_effect_in_all_wires_responds_with_the_sum_of_its_parts(with_gravity,
     """To first order, and without a run of its own; alone it is run."""
     fit = with_gravity[1].selection_steps[0].accepted.fit
     whole = [one for one in candidates_for(fit.config) if one.name == name]
-    parts = [one for one in variants_of(whole, fit.problem.runs[0].channels) if one.found.effect.scope.wire >= 0]
+    parts = [one for one in variants_of(whole, fit.problem.runs[0].channels) if one.effect.scope.wire >= 0]
     assert len(parts) == 2 and set(in_each_wire([*whole, *parts])) == set(whole[0].probes)
     assert not in_each_wire([*whole, parts[0]])
     with ThreadPoolExecutor(1) as pool:

@@ -16,7 +16,7 @@ from sma_sim.model.structures.module import STRUCTURE as MODULE
 
 def test_candidates():
     names = {candidate.name for candidate in candidates_for(Config())}
-    acting = {name for name, found in find_effects().items() if acts_on(found.effect, MODULE)}
+    acting = {name for name, found in find_effects().items() if acts_on(found, MODULE)}
     assert {'sensor_crosstalk', 'sensor_drift', 'sensor_jump', 'clamp_slip', 'clock_skew', 'ambient_drift'} <= names
     assert {'driver_saturation', 'heat_capacity_difference'} <= names
     of_wires = {'stress_dependent_transformation_strain', 'grip_toe', 'temperature_gradient'}
@@ -34,10 +34,10 @@ def test_candidates():
     for candidate in candidates_for(Config()):
         for family in candidate.families:
             for probe in family:
-                parameter = next(p for p in candidate.found.effect.parameters if p.name == probe.parameter)
+                parameter = next(p for p in candidate.effect.parameters if p.name == probe.parameter)
                 assert parameter.bounds[0] <= probe.neutral + probe.step <= parameter.bounds[1] and probe.step != 0.0
                 if parameter.realistic:
-                    assert is_plausible(candidate.found, {probe.parameter: probe.neutral + probe.step, **probe.shape})
+                    assert is_plausible(candidate.effect, {probe.parameter: probe.neutral + probe.step, **probe.shape})
 
 
 def test_shapes_are_probed_one_at_a_time():
@@ -56,7 +56,7 @@ def test_shapes_are_probed_one_at_a_time():
 
 
 def test_shapes_of_one_sign_are_divided_by_ratios():
-    shapes = [p for found in find_effects().values() for p in found.effect.parameters if p.neutral is None and p.realistic]
+    shapes = [p for found in find_effects().values() for p in found.parameters if p.neutral is None and p.realistic]
     positive = [p for p in shapes if p.realistic[0] > 0.0]
     assert 10 < len(positive) < len(shapes)
     for parameter in positive:
@@ -76,7 +76,7 @@ def test_add_writes_what_the_node_runs(tmp_path, capsys):
     out = tmp_path / 'b.yaml'
     assert main(['add', 'gravity', 'natural_convection:k=20', '-o', str(out)]) == 0
     config_ = read_config(out)
-    assert [active.found.effect.name for active in config_.effects] == ['gravity', 'natural_convection']
+    assert [active.effect.name for active in config_.effects] == ['gravity', 'natural_convection']
     assert main(['add', 'radiation', '--config', str(out), '-o', str(out)]) == 0
     assert len(read_config(out).effects) == 3
     assert main(['add', 'gravitation', '-o', str(out)]) == 2

@@ -62,9 +62,7 @@ class Diagnosing:
         verdict = json.loads((self.home / 'why.json').read_text())
         config = read_config(self.home / 'better.yaml')
         assert page.rstrip().endswith('</html>')
-        assert (
-            [active.found.effect.name for active in config.effects] == verdict['effects'] == verdict['error'][-1]['effects']
-        )
+        assert [active.effect.name for active in config.effects] == verdict['effects'] == verdict['error'][-1]['effects']
         assert all(step['train'] > 0.0 and step['held_out'] > 0.0 for step in verdict['error'])
         return verdict, page
 
@@ -96,7 +94,7 @@ def test_stopped_after_an_effect_was_found(case, tmp_path):
     assert code == 130 and 'more may be missing' in said
     assert verdict['interrupted'] and verdict['effects'] == ['gravity']
     assert len(verdict['error']) == len(verdict['effects']) + 1
-    phrases = [find_effects()[name].effect.phrase for name in verdict['effects']]
+    phrases = [find_effects()[name].phrase for name in verdict['effects']]
     assert f'Your model lacks {" and ".join(phrases)}; more may be missing' in page
 
 

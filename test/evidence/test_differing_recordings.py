@@ -237,7 +237,7 @@ def test_the_states_of_effects_begin_where_a_recording_says():
 
 def test_the_unknown_states_of_an_effect_come_and_go_with_it():
     """Whatever stands behind them among the unknowns keeps its value; of a recording at rest there are none."""
-    screened, own = ScreeningResult(Candidate(DRIVER_LAG.found, ()), 0.0, {'tau': 0.5}), ['states.driver_lag'] * 2
+    screened, own = ScreeningResult(Candidate(DRIVER_LAG.effect, ()), 0.0, {'tau': 0.5}), ['states.driver_lag'] * 2
     at_rest = problem_for(sma_sim.Dataset(pieces()[0][:2], NOISE), sma_sim.Config(effects=(CREEP,)), OPTIONS, 5)
     for problem in (at_rest, with_difference(at_rest, start_point(at_rest), IN_MOTION)[0]):
         z = np.arange(0.1, len(problem.unknowns) / 10.0 + 0.05, 0.1)

@@ -103,7 +103,7 @@ def test_a_formula_in_a_file_is_the_term_that_was_fitted(location, term, coeffic
     fit = fit_of(location, term, coefficient)
     formula, chooser = Formula((fit,)), universal_term(fit.location.hook, bool(fit.term.rate), config().structure)
     nominal = config()
-    compiled = with_effect(nominal, chooser.found, chooser.values(fit.location, fit.term, coefficient, fit.shapes))
+    compiled = with_effect(nominal, chooser.effect, chooser.values(fit.location, fit.term, coefficient, fit.shapes))
     values = {p.name: p.default for p in formula.parameters}
     written = with_effect(nominal, formula.load(), values)
     neutral = with_effect(nominal, formula.load(), {**values, 'c': 0.0})
@@ -120,7 +120,7 @@ def test_every_term_makes_a_file_that_loads():
                 location, term, tuple(0.5 for _ in term.shapes), -1.2e-3, 0.0, tuple((0.1, 0.9) for _ in term.shapes)
             )
             formula = Formula((fit,))
-            effect = formula.load().effect
+            effect = formula.load()
             assert isinstance(effect, Effect) and effect.port == location.hook and effect.equation == formula.equation
             strength, *shapes = effect.parameters
             assert strength.neutral == 0.0 and strength.default == -1.2e-3 and all(p.neutral is None for p in shapes)
@@ -133,13 +133,13 @@ def test_a_formula_whose_shape_ended_at_its_limit_makes_a_file():
     (term,) = (one for one in location.terms if one.name == 'oscillation')
     for frequency, limits in ((slowest, (slowest, 2.0)), (2.0003, (0.1, 2.0003))):
         fit = TermFit(location, term, (frequency, 0.5), 1e-3, 0.0, (limits, (-6.0, 9.0)))
-        by_name = {p.name: p for p in Formula((fit,)).load().effect.parameters}
+        by_name = {p.name: p for p in Formula((fit,)).load().parameters}
         assert by_name['f'].bounds[0] <= by_name['f'].default <= by_name['f'].bounds[1]
 
 
 def test_a_formula_of_several_terms_keeps_their_names_apart():
     terms = [fit_of('moment_alpha', name, 1e-3) for name in ('hinge_leaking', 'hinge_relaxing', 'alpha_well')]
-    effect = Formula(tuple(terms)).load().effect
+    effect = Formula(tuple(terms)).load()
     names = [p.name for p in effect.parameters]
     assert names[:3] == ['c_1', 'c_2', 'c_3'] and len(set(names)) == len(names) and effect.states == ('z_1', 'z_2')
     assert np.isfinite(shown(with_effect(config(), Formula(tuple(terms)).load(), {}))).all()
@@ -279,7 +279,7 @@ def test_the_proposal_as_a_file_runs(ripple, tmp_path):
     file = proposal.write(tmp_path / 'effects', values, 'a test')
     (tmp_path / 'better.yaml').write_text(f'effects:\n  paths: [effects]\n  active: [{file.stem}]\n')
     read = read_config(tmp_path / 'better.yaml')
-    assert read.effects[0].found.effect.source == 'a test'
+    assert read.effects[0].effect.source == 'a test'
     assert read.effects[0].values == pytest.approx(list(values.values()), rel=1e-5)
     assert np.abs(shown(read) - shown(config())).max() > 1e-3
 
@@ -335,5 +335,5 @@ def test_effect_files_are_loaded_by_several_threads_at_once(tmp_path, monkeypatc
         for coefficient in (1e-4, 2e-4, 3e-4, 4e-4):
             formula = Formula((fit_of('moment_alpha', LOCATIONS['moment_alpha'].terms[1].name, coefficient),))
             loaded = list(pool.map(lambda _, formula=formula: formula.load(), range(16)))
-            assert {found.effect.parameters[0].default for found in loaded} == {coefficient}
+            assert {found.parameters[0].default for found in loaded} == {coefficient}
     assert not list(tmp_path.rglob('*.part'))

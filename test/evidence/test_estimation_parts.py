@@ -107,11 +107,11 @@ def test_scatter_is_counted_beside_the_unknowns_that_were_fitted(run):
 def test_numbers_that_form_a_law_are_told_from_strengths():
     """A strength has a neutral value; a size that has none has a unit. Only a form may have any value that fits."""
     effects = find_effects()
-    forms = {f'{name}.{p.name}' for name, one in effects.items() for p in one.effect.parameters if is_form(p)}
+    forms = {f'{name}.{p.name}' for name, one in effects.items() for p in one.parameters if is_form(p)}
     assert {'natural_convection.m', 'smooth_transformation.start_A', 'functional_fatigue.S_0'} & forms
     assert not {'gravity.g_y', 'natural_convection.k', 'driver_lag.tau', 'latent_heat_scale.k'} & forms
     for name, effect in (('m', 'natural_convection'), ('tau', 'driver_lag')):
-        (p,) = (p for p in effects[effect].effect.parameters if p.name == name)
+        (p,) = (p for p in effects[effect].parameters if p.name == name)
         free = free_parameter(f'effects.{effect}.{name}', p.default, p)
         low, high, reason = plausible_range(free, p)
         assert reason == 'realistic' and low < free.coordinate(p.default) < high

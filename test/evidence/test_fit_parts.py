@@ -238,7 +238,7 @@ def test_each_run_adds_to_its_own_unknowns():
 def test_probes_of_what_may_be_missing_are_small_parts_of_what_is_there():
     """Of springs 2 %, else 1 % of the pull at a usual stress; of sensors 1/75 of angles and a tenth of what else changes."""
     slider = Config(system='slider')
-    structure, values = slider.structure.structure, slider.parameters
+    structure, values = slider.structure, slider.parameters
     ports = {port.name: port for port in ports_of(slider, structure.channels)}
     size = structure.coordinates[0].size(structure.constants_of(values))
     force = ports['force_position']

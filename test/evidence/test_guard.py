@@ -222,7 +222,7 @@ def test_counters_survive_a_restart(tmp_path):
 
 def test_a_structure_with_a_command_for_each_wire():
     config = Config({'guard.T_max': T_MAX}, system='spatial')
-    wires = config.structure.structure.wires
+    wires = config.structure.wires
     cold = estimate()
     seen = dataclasses.replace(
         cold,

@@ -109,7 +109,7 @@ def test_a_file_with_a_fast_cooling(tmp_path):
     T[450] += 4.0
     columns = np.column_stack([time, T, np.full(len(T), 1e8), 1e-2 + 1e-5 * random.normal(size=len(T))])
     np.savetxt(tmp_path / 'run.csv', columns, delimiter=',', header='time_s,T_K,stress_Pa,strain', comments='')
-    (run,) = read_dataset([tmp_path], read_config(words=BENCH).structure.structure.name).recordings
+    (run,) = read_dataset([tmp_path], read_config(words=BENCH).structure.name).recordings
     assert np.abs(run.source.values[:, 1] - truth).max() < 4.0
     (note,) = (note for note in run.notes if 'single rows' in note)
     assert note.startswith('T_K: ') and 'at 450 s' in note and 'record several rows' in note
@@ -123,7 +123,7 @@ def test_a_noisy_load_cell_changes_nothing_of_isobaric_tests(tmp_path):
         T = np.interp(run.time, run.source.times, run.source.values[:, 1])
         columns = np.column_stack([run.time, T, stress + 3e6 * random.normal(size=len(T)), run.channels['strain']])
         np.savetxt(tmp_path / f'{run.name}.csv', columns, delimiter=',', header='time_s,T_K,stress_Pa,strain', comments='')
-    dataset = read_dataset([tmp_path], truth.structure.structure.name)
+    dataset = read_dataset([tmp_path], truth.structure.name)
     for run in dataset.recordings:
         assert any('which the wire has not felt: taken as constant' in note for note in run.notes)
         assert np.ptp(run.source.values[:, 0]) == 0.0

@@ -41,7 +41,7 @@ from sma_sim.evidence.latent_input.sensitivities import (
 )
 from sma_sim.words.latent_input import latent_data, ranking_rows, verdict_sentences
 
-STRUCTURE = config('mas').structure.structure
+STRUCTURE = config('mas').structure
 BY_NAME = {port.name: port for port in ports_of(config('mas'), STRUCTURE.channels)}
 
 

@@ -35,7 +35,7 @@ def command(begin, end, warmer=0.0):
 
 
 def shown(*runs):
-    columns = CONFIG.structure.structure.channel_columns
+    columns = CONFIG.structure.channel_columns
     return np.vstack(
         [
             np.column_stack([run[name] if name in run.columns else np.full(len(run.time), np.nan) for name in columns])
@@ -59,7 +59,7 @@ def followed(name='', amounts=None, seed=0, end=END, off=None, effects=()):
     truth = shown(first, sma_sim.simulate(model, after, late - ONSET, initial_state=start))
     known = CONFIG.variant({key: factor * CONFIG.parameters[key] for key, factor in (off or {}).items()})
     predicted = shown(sma_sim.simulate(sma_sim.Model(known), command(0.0, END), times))
-    channels = CONFIG.structure.structure.channels
+    channels = CONFIG.structure.channels
     std = np.array([NOISE.get(channel, np.nan) for channel in channels])
     measured = truth + std * np.random.default_rng(seed).standard_normal(truth.shape)
     found = LiveDiagnosis(known, causes_for(known), np.where(np.isnan(std), 1.0, std))

@@ -202,7 +202,7 @@ def test_limits_that_are_given_replace_those_found(rivals):
     request = DesignRequest(BETWEEN, power=20.0, temperature=330.0, stress=3e8, **SHORT)
     with ThreadPoolExecutor(1) as pool:
         assert operating_limits(plan.hypotheses, request, pool)[0] == OperatingLimits(330.0, 3e8) != plan.limits
-    assert command_grid(runs, request, config().structure.structure)[0].power == 20.0 > plan.grid.power
+    assert command_grid(runs, request, config().structure)[0].power == 20.0 > plan.grid.power
 
 
 @pytest.mark.slow

@@ -41,7 +41,7 @@ def heated(folder, scale=1.0, effects=(), offsets=((0.0, 0.0),) * 3, rooms=(0.0,
             times,
             values * [1.0, scale, 1.0] + [0.0, 0.0, rooms[k]],
             (True, False, False),
-            config.structure.structure.input_columns,
+            config.structure.input_columns,
         )
         t, random = np.arange(0.0, 30.0, 0.1), np.random.default_rng(k)
         run = simulate(Model(config), source, t)
@@ -201,7 +201,7 @@ def test_grips_come_back(tmp_path):
     times, t = np.array([0.0, 40.0, 70.0, 120.0]), np.linspace(0.0, 120.0, 601)
     config = read_config(words=ISOTHERM, effects=['grip_toe:toe=1.5e-3,sigma_t=8e6'])
     values = np.column_stack([[0.0, 0.02, 0.01, 0.0], np.full(4, 350.0), np.zeros(4), np.full(4, 298.0)])
-    source = Input(times, values, (True, True, False, False), config.structure.structure.input_columns)
+    source = Input(times, values, (True, True, False, False), config.structure.input_columns)
     run, random = simulate(Model(config), source, t), np.random.default_rng(3)
     path = tmp_path / 'pull.csv'
     write_columns(path, inputs_at(source, t) | {'stress_Pa': run['stress_Pa'] + 1e5 * random.normal(size=len(t))})
@@ -294,4 +294,4 @@ def test_what_is_active_already_stays(tmp_path):
     given = read_config(words=BENCH, effects=['power_scale:k=1.3'])
     assert prepare(dataset, given).config == given.variant(kinetics='hybrid')  # with which a fit begins
     (added,) = prepare(dataset, read_config(words=BENCH)).config.effects
-    assert added.found.effect.name == 'power_scale' and added.values == (1.0,)
+    assert added.effect.name == 'power_scale' and added.values == (1.0,)

@@ -389,7 +389,7 @@ def test_an_outlier_moves_little(at, until):
 @pytest.mark.parametrize('system', ['lever', 'slider', 'spatial'])
 def test_other_structures(system):
     config = Config(system=system)
-    structure = config.structure.structure
+    structure = config.structure
     J = tuple(2.0 / (1 + k) for k in range(len(structure.commands)))
     heating = ((tuple(0.0 for _ in J), 0.0), (J, 1.0))
     off = Config({'wire.lambda': 1.1 * config.parameters['wire.lambda']}, system=system, kinetics='mas')

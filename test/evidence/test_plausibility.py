@@ -45,7 +45,7 @@ def test_martensite_stiffer_than_austenite(std, said):
 
 def test_an_effect_is_judged_by_its_realistic_range():
     given = with_effect(config(), find_effects()['radiation'], {'emissivity': 0.3})
-    (parameter,) = [p for p in find_effects()['radiation'].effect.parameters if p.name == 'emissivity']
+    (parameter,) = [p for p in find_effects()['radiation'].parameters if p.name == 'emissivity']
     name, (low, high) = 'effects.radiation.emissivity', parameter.realistic
     assert not found_at(given, {name: high}, 1e-3, (name,)) and not found_at(given, {name: low}, 1e-3, (name,))
     beyond = found_at(given, {name: high + 0.3 * (high - low)}, 1e-3, (name,))

@@ -88,12 +88,12 @@ def test_widths_by_kind():
 def test_a_fit_reaches_all_realistic_values_of_every_effect():
     """A fatigue that develops over hundreds of cycles was out of reach: another effect had to imitate the rest of it."""
     for found in find_effects().values():
-        for declared in found.effect.parameters:
+        for declared in found.parameters:
             start = declared.default if declared.neutral is None else declared.neutral
             free = free_parameter(declared.name, start, declared)
             for end in declared.realistic or ():
                 if end > 0.0 or not free.log:
-                    assert free.low - 1e-9 <= free.coordinate(end) <= free.high + 1e-9, (found.effect.name, declared.name)
+                    assert free.low - 1e-9 <= free.coordinate(end) <= free.high + 1e-9, (found.name, declared.name)
 
 
 def test_three_standard_deviations_of_what_is_known_are_plausible():

@@ -212,7 +212,7 @@ def evidence_for(dataset, effects=()):
     given = config('mas')
     for name in effects:
         found = find_effects()[name]
-        given = with_effect(given, found, {p.name: p.default for p in found.effect.parameters})
+        given = with_effect(given, found, {p.name: p.default for p in found.parameters})
     problem = problem_for(dataset, given, FitOptions(free=('beam.E',)), 1)
     z = start_point(problem)
     z[0] += 0.1
@@ -311,7 +311,7 @@ def test_values_beyond_what_is_realistic_cost_nats(robot):
     name = 'effects.radiation.emissivity'
     problem = problem_for(robot, given, FitOptions(free=('beam.E', name)), 1)
     number = [p.name for p in problem.free].index(name)
-    (declared,) = (p for p in found.effect.parameters if p.name == 'emissivity')
+    (declared,) = (p for p in found.parameters if p.name == 'emissivity')
     low, high = (problem.free[number].coordinate(value) for value in declared.realistic)
 
     def density(at):
@@ -521,7 +521,7 @@ def test_what_lies_beyond_bounds_is_no_gain():
 
 def test_an_effect_at_its_neutral_value_is_absent():
     """All that makes it act is there; shapes do not count."""
-    (found,) = (candidate.found for candidate in CATALOGUE.effects if candidate.name == 'guide_friction')
+    (found,) = (candidate.effect for candidate in CATALOGUE.effects if candidate.name == 'guide_friction')
     given = with_effect(config(), found, {'mu': 0.0, 'v_s': 1e-4})
     names = ('beam.E', 'effects.guide_friction.mu', 'effects.guide_friction.v_s')
     free, _ = choose_free(given, names)

@@ -50,7 +50,7 @@ LOOSE = {
 def heated(config, rtol):
     """A recording of one pulse, made at a tolerance, and its noise."""
     command = np.column_stack([[0.0, 8.0, 0.0, 0.0], np.full(4, 298.0)])
-    source = Input(np.array([0.0, 1.0, 6.0, 15.0]), command, (False, False), config.structure.structure.input_columns)
+    source = Input(np.array([0.0, 1.0, 6.0, 15.0]), command, (False, False), config.structure.input_columns)
     times = np.linspace(0.0, 15.0, 50)
     run = simulate(Model(config.variant({'solver.rtol': rtol})), source, times)
     assert run.completed

@@ -185,4 +185,4 @@ def test_read_config_does_not_open_recorded_folders(tmp_path, marker):
     assert not marker.exists()
     config = read_config(words=[f'effects.paths={folder}'], recorded=recorded)
     assert marker.exists() and config.effects[0].values == (2e-4,)
-    assert Path(config.effects[0].found.files[0]).parent == folder
+    assert Path(config.effects[0].effect.files[0]).parent == folder

@@ -21,7 +21,7 @@ from sma_sim.evidence.search import confounding
 from sma_sim.evidence.search.beam import search
 from sma_sim.evidence.search.refine import WINDOW
 from sma_sim.model.config import Config, read_config
-from sma_sim.model.effects.discovery import FoundEffect, with_scopes
+from sma_sim.model.effects.discovery import with_scopes
 from sma_sim.model.parameter_file import parameter_file
 from sma_sim.words.diagnosis_data import as_data
 from sma_sim.words.diagnosis_text import as_text
@@ -70,13 +70,13 @@ def test_an_effect_in_one_wire_is_found(tmp_path):
     assert any('a deadband of the driver, in wire 2 only' in line for line in as_text(result))
     file = tmp_path / 'robot.yaml'
     file.write_text(parameter_file(result.calibration.config))
-    assert read_config(file).effects[0].found.effect.name == name
+    assert read_config(file).effects[0].effect.name == name
 
 
 def test_the_listed_effect_with_the_most_similar_signature(monkeypatch):
     responses = {'base': [1.0, 1.0], 'formula': [3.0, 2.0], 'gravity': [2.0, 1.5], 'radiation': [1.0, 2.0], 'slack': [1.0]}
     monkeypatch.setattr(confounding, 'response', lambda fit, pool: np.array(responses[fit]))
-    fits = [SimpleNamespace(found=find_effects()[name], fit=name) for name in ('radiation', 'gravity', 'slack')]
+    fits = [SimpleNamespace(effect=find_effects()[name], fit=name) for name in ('radiation', 'gravity', 'slack')]
     first = SimpleNamespace(base='base', candidate_fits=fits)
     similar = confounding.most_similar('formula', first, None)
     assert similar.effect.name == 'gravity' and similar.cosine == pytest.approx(1.0)
@@ -90,7 +90,7 @@ def test_friction_that_builds_up_in_another_way_is_the_listed_one_in_another_for
         'rubbing', 'wire_force', '', '', (Parameter('mu', 0.15, '-', (0.0, 1.0), ''),),
         lambda s, w, p: s.F * p.mu * s.v / math.sqrt(s.v**2 + 4e-10),
     )  # fmt: skip
-    truth = FoundEffect(hidden, (), ('sma_sim', __name__.partition('.')[0]))
+    truth = hidden
     runs = dataset(with_effect(config(), truth, {'mu': 0.15}), [1, 2], noise=1.0, rate=5.0, channels=('alpha', 'U_y'))
     options = FitOptions(free=('beam.E', 'wire.lambda'), starts=1, intervals=False)
     with executor_or_threads(None) as pool:

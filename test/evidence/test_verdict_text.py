@@ -15,7 +15,7 @@ from sma_sim.words.diagnosis_text import as_text, firmness_lines, headline, rema
 from sma_sim.words.proposed_equation import error_words
 from sma_sim.workflow.diagnosis import confounded
 
-EFFECTS = {name: found.effect for name, found in find_effects().items()}
+EFFECTS = find_effects()
 VALUES = {'gravity.g_y': (-9.8, -9.9, -9.7), 'gravity.g_x': (0.4, -1.0, 2.0), 'radiation.emissivity': (0.3, 0.2, 0.4)}
 
 
@@ -45,7 +45,7 @@ POSTERIOR = SimpleNamespace(models=(), weights=(), none=0.0, unlisted=0.0, effec
 
 
 def candidate(name, *rivals):
-    return SimpleNamespace(name=name, found=SimpleNamespace(effect=EFFECTS[name]), indistinguishable=rivals, plausible=True)
+    return SimpleNamespace(name=name, effect=EFFECTS[name], indistinguishable=rivals, plausible=True)
 
 
 def stage(effects, held_out, kind='added'):

@@ -47,7 +47,7 @@ def test_the_loop_of_the_command_is_over_the_heating_that_changes():
     """Of three bundles the second is heated."""
     config = Config(system='spatial')
     rows = [[0.0, 0.0, 0.0, 0.0], [2.0, 0.0, 9.0, 0.0], [20.0, 0.0, 0.0, 0.0], [30.0, 0.0, 0.0, 0.0]]
-    run = run_of(config, command_from({**first_command(config).as_data(), 'rows': rows}, config.structure.structure))
+    run = run_of(config, command_from({**first_command(config).as_data(), 'rows': rows}, config.structure))
     numbers = Numbers()
     (loop,) = command_loop(run, numbers)
     assert loop['x'] == 'J_2 [W]' and loop['y'].endswith('[deg]')
@@ -59,7 +59,7 @@ def test_the_loop_of_the_command_is_over_the_heating_that_changes():
 @pytest.mark.parametrize('system', list(package_structures()))
 def test_every_structure_has_controls_and_a_command_that_moves_it(system):
     config = Config(system=system)
-    structure, first = config.structure.structure, first_command(config)
+    structure, first = config.structure, first_command(config)
     source = input_of(first, config)
     assert source.names == structure.input_columns and np.ptp(source.values, axis=0).max() > 0.0
     assert command_from(json.loads(json.dumps(first.as_data())), structure) == first
@@ -78,7 +78,7 @@ def test_commands_are_what_they_say():
     first = first_command(config).as_data()
 
     def values(**changed):
-        return input_of(command_from({**first, **changed}, config.structure.structure), config).values[:, 0]
+        return input_of(command_from({**first, **changed}, config.structure), config).values[:, 0]
 
     swing = values(kind='sine', amplitude=3.0, offset=1.0, period=10.0)
     assert abs(swing.max() - 4.0) < 0.01 and abs(swing.min() + 2.0) < 0.01

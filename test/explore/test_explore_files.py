@@ -153,4 +153,4 @@ def test_from_three_files_to_the_improved_model_by_the_page_alone(browser, case,
         begin(browser, 'export')
         until(browser, 'return document.querySelectorAll("#detail a[download]").length === 6')
         exported = server.application.session.folder / 'export' / '0002' / 'parameters.yaml'
-        assert 'gravity' in [one.found.effect.name for one in read_config(exported).effects]
+        assert 'gravity' in [one.effect.name for one in read_config(exported).effects]

@@ -147,7 +147,7 @@ def test_sliders_and_candidates_move_the_curves_of_all_runs(browser, server):
     assert server.application.session.current.number == 1
     browser.execute_script('[...document.querySelectorAll("#detail tbody button")][1].click()')
     until(browser, 'return smaExplore.state.history.current === 2')
-    assert 'gravity' in [one.found.effect.name for one in server.application.session.config().effects]
+    assert 'gravity' in [one.effect.name for one in server.application.session.config().effects]
     look = 'one.textContent === "Compare" && !one.disabled'
     browser.execute_script(f'[...document.querySelectorAll("#history button")].find((one) => {look}).click()')
     until(browser, 'return smaExplore.recordings.charts.get("run1|alpha").curves.length === 3')  # measured, both versions

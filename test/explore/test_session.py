@@ -84,7 +84,7 @@ def test_names_and_differences(folder):
 def test_a_preview_writes_nothing_and_is_checked(folder):
     with open_session(folder) as session:
         revision = session.revision
-        assert session.preview({'beam.E': 2.2e9}, ['gravity']).effects[0].found.effect.name == 'gravity'
+        assert session.preview({'beam.E': 2.2e9}, ['gravity']).effects[0].effect.name == 'gravity'
         assert session.revision == revision and len(list((folder / 'versions').iterdir())) == 1
         for values, effects, words in (
             ({'beam.E': -1.0}, None, 'beam.E = -1 Pa'),
@@ -210,7 +210,7 @@ def test_effects_of_the_users_own(tmp_path):
     shutil.move(tmp_path / 's', tmp_path / 'moved')
     with open_session(tmp_path / 'moved', Start(words=(named,))) as session:
         (active,) = session.config().effects
-        assert active.found.effect.name == 'cooler' and active.values == (0.2,)
+        assert active.effect.name == 'cooler' and active.values == (0.2,)
         assert session.current.number == 3, 'folders that are named again are no other model'
 
 

@@ -353,7 +353,7 @@ def test_candidates_that_are_stopped_keep_those_so_far(engine, candidates):
 
 def test_candidates_stay_within_what_is_realistic(engine, candidates, case):
     """Beside data that ask for far more, every value is within the realistic range, and can be switched on as it is."""
-    known = {found.effect.name: found.effect for found in package_effects().values()}
+    known = {found.name: found for found in package_effects().values()}
     request = engine.session.data
     config = engine.session.config(1)
     fitted, _ = request.split(request.read(config))
@@ -372,7 +372,7 @@ def test_candidates_stay_within_what_is_realistic(engine, candidates, case):
                 one, least = effect.parameters[p.name], min(p.realistic[0], p.neutral)
                 assert least <= one.low <= one.value <= one.high <= p.realistic[1], (effect.name, p.name, one)
         values = {f'effects.{effect.name}.{name}': value for name, value in effect.values.items()}
-        assert engine.session.preview(values, [effect.name]).effects[0].found.effect.name == effect.name
+        assert engine.session.preview(values, [effect.name]).effects[0].effect.name == effect.name
     gravity = next(effect for effect in found.effects if effect.name == 'gravity')
     assert gravity.parameters['g_y'].at_end and gravity.values['g_y'] == -9.81
     assert gravity.error < found.error

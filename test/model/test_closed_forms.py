@@ -22,7 +22,7 @@ FIELDS = dict.fromkeys(State._fields, 0.0)
 
 def values(name, memory=None, constants=WIRE, part='kernel', state=FIELDS, **parameters):
     """What the kernel (or the rate) of an effect returns."""
-    effect = find_effects()[name].effect
+    effect = find_effects()[name]
     declared = (*effect.parameters, *(q for q, *_ in effect.each_bundle))
     p = type('P', (), {q.name: parameters.get(q.name, q.default) for q in declared})
     given = (State(**{**FIELDS, **state}), constants, p)

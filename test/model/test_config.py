@@ -16,7 +16,7 @@ from sma_sim.model.config import effect_parameters
 from sma_sim.model.effects.discovery import effects_on, package_effects
 from sma_sim.model.errors import PhysicsWarning
 from sma_sim.model.likely_unit import likely_unit, written_otherwise
-from sma_sim.model.structures.discovery import found_structures
+from sma_sim.model.structures.discovery import known_structures
 
 STEP = module_input([0.0, 1.0, 10.0], [0.0, 12.0, 0.0])
 WRONG = {
@@ -82,7 +82,7 @@ def test_a_file_may_be_named_by_a_text(tmp_path):
         'gravity:g_y=2',
         sma_sim.effects.gravity(g_y=2.0),
         [sma_sim.effects.gravity(g_y=2)],
-        [find_effects()['gravity'].effect(g_y=np.float64(2.0))],
+        [find_effects()['gravity'](g_y=np.float64(2.0))],
     ],
 )
 def test_values_of_effects_are_kept(effects):
@@ -197,7 +197,7 @@ def test_an_input_is_not_overwritten(tmp_path, capsys):
 
 
 def test_no_default_and_nothing_realistic_is_asked_for_its_unit():
-    for structure in (one.structure for one in found_structures().values()):
+    for structure in known_structures().values():
         values = structure.default_values
         asked = [name for name, one in structure.all_parameters.items() if likely_unit(one, values[name])[0]]
         effects = effects_on(package_effects(), list(package_effects()), structure, values)

@@ -55,9 +55,9 @@ def in_base(transforms, frame, point):
     return point
 
 
-@pytest.mark.parametrize('name', [name for name in FOUND if FOUND[name].structure.coordinates])
+@pytest.mark.parametrize('name', [name for name in FOUND if FOUND[name].coordinates])
 def test_wires_are_drawn_as_long_as_they_are(name):
-    structure = FOUND[name].structure
+    structure = FOUND[name]
     sketch = Sketch(structure, structure.default_values)
     at_zero = dict.fromkeys(structure.coordinate_names, 0.0)
     first = sketch.lines(at_zero, lengths_at(structure, at_zero))
@@ -76,7 +76,7 @@ def test_wires_are_drawn_as_long_as_they_are(name):
 
 @pytest.mark.parametrize('name', FASTENED)
 def test_wires_end_on_the_part_that_moves(name):
-    structure = FOUND[name].structure
+    structure = FOUND[name]
     sketch = Sketch(structure, structure.default_values)
     for q in poses(structure):
         ends = sketch.ends(sketch.lines(q, lengths_at(structure, q)))
@@ -88,7 +88,7 @@ def test_wires_end_on_the_part_that_moves(name):
 
 
 def test_the_chain_of_a_stack_leads_to_its_last_plate():
-    structure = FOUND['stack'].structure
+    structure = FOUND['stack']
     sketch, half = Sketch(structure, structure.default_values), 0.5 * structure.default_values['plate.W']
     for q in poses(structure):
         ends = sketch.ends(sketch.lines(q, lengths_at(structure, q)))
@@ -102,7 +102,7 @@ def test_the_chain_of_a_stack_leads_to_its_last_plate():
 
 
 def test_the_wire_of_a_test_bench_is_drawn_as_long_as_it_is():
-    structure = FOUND['wire'].structure
+    structure = FOUND['wire']
     lines = Sketch(structure, structure.default_values).lines({}, [0.0987])
     assert [length(line) for line in lines.wires] == [pytest.approx(0.0987)]
 
@@ -128,7 +128,7 @@ def test_joints_have_limits_and_the_axes_that_are_told():
 
 def test_the_drawn_spatial_beam_is_a_cantilever_with_the_plate_on_its_tip():
     """Fixed and straight at its root, at the tip where and as the plate is; the plate joins the ends of the wires."""
-    structure = FOUND['spatial'].structure
+    structure = FOUND['spatial']
     p, pose = structure.default_constants, record('Pose', structure.coordinate_names)
     for q in poses(structure):
         axis, plate = structure.drawing.bodies(pose(**q), p)

@@ -12,7 +12,6 @@ from systems import active, make_model
 
 from sma_sim import Effect, find_effects, module_input, simulate
 from sma_sim.model.effects import ports
-from sma_sim.model.effects.discovery import FoundEffect
 from sma_sim.model.effects.ports import CHANNELS, State
 from sma_sim.model.material import heat_capacity, latent_heat
 from sma_sim.model.parameters import beam_constants, wire_constants
@@ -25,7 +24,7 @@ from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS
 COLUMNS = ('length', 'v', 'F', 'sigma')
 
 PARAMETERS = make_model().config.parameters
-WHERE = sample_columns(package_structures()['module'].structure)
+WHERE = sample_columns(package_structures()['module'])
 WIRE, BEAM = wire_constants(PARAMETERS), beam_constants(PARAMETERS)
 A_S = 2.0 * np.pi * 75e-6 * 0.0957  # [m^2] surface of one wire
 E_A, E_M, EPS_T = 12.3e9, 7.8e9, 0.067
@@ -184,7 +183,7 @@ def random_state(random, channels):
 
 def cases(name, count=30):
     """States, parameters within their realistic ranges, and memories of an effect."""
-    effect, random = find_effects()[name].effect, np.random.default_rng(3)
+    effect, random = find_effects()[name], np.random.default_rng(3)
     channels = [CHANNELS.index(channel) for channel in effect.channels] or [0]
     for _ in range(count):
         p = SimpleNamespace(**{q.name: random.uniform(*q.realistic) for q in effect.parameters})
@@ -205,7 +204,7 @@ def test_what_it_adds(name):
 def test_every_effect_has_its_equation_here():
     apart = {'beam_creep', 'beam_nonlinearity', 'clausius_clapeyron_mismatch', 'cubic_stiffness', 'backlash'}
     assert {*EQUATIONS} | apart == set(find_effects())
-    assert set(RATES) == {name for name, found in find_effects().items() if found.effect.rate is not None}
+    assert set(RATES) == {name for name, found in find_effects().items() if found.rate is not None}
 
 
 @pytest.mark.parametrize('name', sorted(RATES))
@@ -258,7 +257,7 @@ def test_stresses_go_apart_in_proportion_to_temperature():
 
 def test_polycrystal_goes_straight_on_outside():
     """Beyond x_M = 0 and 1 with the slope at the ends, so that a step of the solver may look there."""
-    kernel, p = find_effects()['polycrystal'].effect.kernel, type('P', (), {'spread': 1.0})
+    kernel, p = find_effects()['polycrystal'].kernel, type('P', (), {'spread': 1.0})
     at = [kernel(random_state(np.random.default_rng(1), [0])._replace(x=x), WIRE, p)[0] for x in (1.0, 1.1, 1.2, 0.0, -0.1)]
     end_slope = (quantile(1.0) - quantile(1.0 - 1e-6)) / 1e-6
     assert at[0] == pytest.approx(0.5) and at[3] == pytest.approx(-0.5)
@@ -286,7 +285,7 @@ def test_a_wire_sees_the_other_ones_fraction():
         systems=('module',),
         kernel=lambda s, w, p: 0.02 * s.x_other,
     )
-    found = {'glow': FoundEffect(effect, (), ('sma_sim.', 'test_effect_equations'))}
+    found = {'glow': effect}
     for resting, other in ((2, 1), (1, 2)):  # the other one starts as martensite and transforms at once, with latent heat
         start = {f'initial__x_M_{other}': 1.0, f'initial__x_M_{resting}': 0.0, 'wire__lambda': 1.0}
         model = make_model(effects=[active('glow', found)], wire__l0=0.098, **start)

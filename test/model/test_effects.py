@@ -12,7 +12,6 @@ from scipy.integrate import quad
 from sma_sim import Effect, Input, Parameter, UserError, find_effects, simulate
 from sma_sim.compiler.effect_kernels import native_effect
 from sma_sim.model.automaton import TO_AUSTENITE, TO_MARTENSITE
-from sma_sim.model.effects.discovery import FoundEffect
 from sma_sim.model.effects.meaning import acting_coordinates, acts_on
 from sma_sim.model.effects.ports import CHANNELS, PORT_NAMES, PORT_OUTPUTS, State, call_kernel
 from sma_sim.model.layout import O_DX, O_S_A, O_S_M, O_SIGMA, O_X
@@ -28,8 +27,8 @@ NAMES = sorted(find_effects())
 
 def systems_of(name):
     """Which of the paper's two systems an effect has a meaning in."""
-    effect = find_effects()[name].effect
-    return [system for system in ('module', 'wire') if acts_on(effect, package_structures()[system].structure)]
+    effect = find_effects()[name]
+    return [system for system in ('module', 'wire') if acts_on(effect, package_structures()[system])]
 
 
 MEANT_FOR = [(name, system) for name in NAMES for system in systems_of(name)]
@@ -86,12 +85,12 @@ def random_input(system, random):
 def test_library_is_complete():
     for port, names in LIBRARY.items():
         for name in names.split():
-            assert find_effects()[name].effect.port == port
+            assert find_effects()[name].port == port
 
 
 @pytest.mark.parametrize('name', NAMES)
 def test_declaration(name):
-    effect = find_effects()[name].effect
+    effect = find_effects()[name]
     assert effect.name == name and effect.equation and effect.source and effect.description
     assert any(p.neutral is not None for p in effect.parameters)
     row = next(line for line in PAGE.read_text().splitlines() if line.startswith(f'| `{name}` |'))
@@ -108,8 +107,8 @@ def test_declaration(name):
 @pytest.mark.parametrize('name', NAMES)
 def test_what_it_is_confused_with(name):
     """Parameters and effects that exist; of two effects each names the other."""
-    for other in find_effects()[name].effect.confused_with:
-        assert other == 'delay' or other in DEFAULTS or name in find_effects()[other].effect.confused_with, other
+    for other in find_effects()[name].confused_with:
+        assert other == 'delay' or other in DEFAULTS or name in find_effects()[other].confused_with, other
 
 
 @pytest.mark.parametrize('name', NAMES)
@@ -148,7 +147,7 @@ def test_runs_in_every_system_and_changes_it(name, system, kind):
 @pytest.mark.parametrize(('name', 'system'), MEANT_FOR)
 @pytest.mark.parametrize('kind', ['hybrid', 'mas'])
 def test_random_commands_at_both_ends_of_the_realistic_range(name, system, kind):
-    effect = find_effects()[name].effect
+    effect = find_effects()[name]
     for seed in range(4):
         random = np.random.default_rng(seed)
         source = random_input(system, random)
@@ -161,8 +160,7 @@ def test_random_commands_at_both_ends_of_the_realistic_range(name, system, kind)
 
 @pytest.mark.parametrize('name', NAMES)
 def test_native_kernel_is_the_python_one(name):
-    found = find_effects()[name]
-    effect = found.effect
+    effect = find_effects()[name]
     parameters = make_model().config.parameters
     constants = (beam_constants if effect.port == 'structure_force' else wire_constants)(parameters)
     random = np.random.default_rng(5)
@@ -174,7 +172,7 @@ def test_native_kernel_is_the_python_one(name):
     named = {name: memory[:, k] if effect.needs else memory[0, k] for k, name in enumerate(effect.states)}
     values = np.array([*(q.default for q in effect.parameters), *effect.scope.mask])
     arrays = [np.array(s), np.array(constants), values, memory, np.zeros(8)]
-    native = native_effect(found)
+    native = native_effect(effect)
     counts = (PORT_OUTPUTS[PORT_NAMES.index(effect.port)], memory.size, memory.size)
     for address, role, count in zip(native.addresses, ('kernel', 'rate', 'start'), counts, strict=True):
         if getattr(effect, role) is None:
@@ -185,7 +183,7 @@ def test_native_kernel_is_the_python_one(name):
         assert arrays[-1][:count] == pytest.approx(np.pad(expected, (0, count - len(expected))), rel=1e-12)
 
 
-STRESS_EFFECTS = [n for n in NAMES if find_effects()[n].effect.port in ('wire_strain', 'transformation_stress')]
+STRESS_EFFECTS = [n for n in NAMES if find_effects()[n].port in ('wire_strain', 'transformation_stress')]
 
 
 @pytest.mark.parametrize('name', STRESS_EFFECTS)
@@ -193,7 +191,7 @@ STRESS_EFFECTS = [n for n in NAMES if find_effects()[n].effect.port in ('wire_st
 def test_transforming_wire_stays_on_its_stress(name, mode):
     """sigma = sigma_A (or sigma_M) with what the effect adds; dx_M/dt is the derivative of x_M along the flow."""
     random, h, count = np.random.default_rng(9), 1e-7, 0
-    declared = find_effects()[name].effect.parameters
+    declared = find_effects()[name].parameters
     for upper in (False, True):
         values = [p.realistic[1] if upper and p.neutral is not None else p.default for p in declared]
         model = make_model('wire', 'hybrid', [active(name, values)])
@@ -206,7 +204,7 @@ def test_transforming_wire_stays_on_its_stress(name, mode):
             assert point.obs[0, O_SIGMA] == pytest.approx(point.obs[0, level], abs=5.0)
             assert point.obs[0, O_S_A] > point.obs[0, O_S_M]
             dx = point.obs[0, O_DX]
-            if find_effects()[name].effect.states and (dx > 0.0) != (mode == TO_MARTENSITE):
+            if find_effects()[name].states and (dx > 0.0) != (mode == TO_MARTENSITE):
                 continue  # rates of memory are linear in dx_M/dt for the sign that the mode allows
             slope = (point.along(h)[1][0, O_X] - point.along(-h)[1][0, O_X]) / (2 * h)
             assert dx == pytest.approx(slope, rel=1e-4, abs=1e-4)
@@ -216,7 +214,7 @@ def test_transforming_wire_stays_on_its_stress(name, mode):
 @pytest.mark.parametrize('name', STRESS_EFFECTS)
 def test_stress_falls_with_the_fraction(name):
     """d(sigma - sigma_A - s)/dx_M < 0 over the realistic range: x_M is unique in modes 4 and 5."""
-    effect = find_effects()[name].effect
+    effect = find_effects()[name]
     for end in (0, 1):
         model = make_model('wire', 'hybrid', [active(name, [p.realistic[end] for p in effect.parameters])])
         point = Point(model, np.random.default_rng(1))
@@ -227,10 +225,10 @@ def test_stress_falls_with_the_fraction(name):
         assert (np.diff(gap, axis=0) < 0.0).all()
 
 
-@pytest.mark.parametrize('name', [name for name in STRESS_EFFECTS if find_effects()[name].effect.gradual])
+@pytest.mark.parametrize('name', [name for name in STRESS_EFFECTS if find_effects()[name].gradual])
 def test_gradual_transformation_has_no_corner_where_a_phase_ends(name):
     """A step may try fractions a little outside 0 to 1: there strain and stresses go straight on."""
-    effect = find_effects()[name].effect
+    effect = find_effects()[name]
     given = [
         p.default * (1.0 + 0.15 * k) if p.unit == '-' and p.neutral is None else p.default
         for k, p in enumerate(effect.parameters)
@@ -274,7 +272,7 @@ def fatigue_rate(s, w, p, m):
 
 @pytest.mark.parametrize('mode', [TO_MARTENSITE, TO_AUSTENITE])
 def test_memory_that_grows_with_transformation_enters_its_rate(mode):
-    one = active('fatigue', found={'fatigue': FoundEffect(fatigue(), (), ('sma_sim.', 'test_effects'))})
+    one = active('fatigue', found={'fatigue': fatigue()})
     random, h, count = np.random.default_rng(2), 1e-7, 0
     for _ in range(80):
         point = Point(make_model('wire', 'hybrid', [one]), random, mode)
@@ -288,7 +286,7 @@ def test_memory_that_grows_with_transformation_enters_its_rate(mode):
 
 
 def test_memory_accumulates_over_a_run():
-    one = active('fatigue', found={'fatigue': FoundEffect(fatigue(), (), ('sma_sim.', 'test_effects'))})
+    one = active('fatigue', found={'fatigue': fatigue()})
     tired, fresh = run('wire', 'hybrid', [one], 1e-7), run('wire', 'hybrid', [], 1e-7)
     travelled = np.abs(np.diff(tired['x_M'])).sum()
     assert travelled > 0.5

@@ -52,7 +52,7 @@ def test_peaks_at_the_beginning_of_each_plateau(kind):
 def test_a_peak_never_falls_faster_than_the_wire_unloads():
     for peak in (1e7, 1e8, 1e9):
         model = make_model('wire', 'hybrid', [active('nucleation_peak', peak_A=peak, peak_M=peak, x_n=1e-3)])
-        w, kernel = model.compiled.wire, model.config.effects[0].found.effect.kernel
+        w, kernel = model.compiled.wire, model.config.effects[0].effect.kernel
         p = SimpleNamespace(peak_A=peak, peak_M=peak, x_n=1e-3)
         shifts = np.array([kernel(SimpleNamespace(x=x), w, p) for x in np.linspace(0.0, 1.0, 10001)])
         assert np.abs(np.gradient(shifts, 1e-4, axis=0)).max() <= 0.5 * w.eps_T * w.E_M * (1.0 + 1e-3)

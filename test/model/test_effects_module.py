@@ -8,11 +8,12 @@ from flows import called
 from systems import active, make_model, random_state
 
 from sma_sim import Input, find_effects, simulate
+from sma_sim.model.effects.conversion import effect_on
 from sma_sim.model.effects.meaning import acts_on
 from sma_sim.model.effects.ports import State
 from sma_sim.model.structures.discovery import package_structures
 
-MODULE, WIRE = (package_structures()[name].structure for name in ('module', 'wire'))
+MODULE, WIRE = (package_structures()[name] for name in ('module', 'wire'))
 COMMAND = Input(
     np.array([0.0, 1.0, 7.0, 12.0, 16.0, 20.0]),
     np.column_stack([[0.0, 12.0, -10.0, 5.0, -3.0, 0.0], np.full(6, 298.0)]),
@@ -37,7 +38,7 @@ BEAM = make_model().constants
 
 def kernel(name, state, constants=BEAM, memory=None, **values):
     """What the kernel of an effect returns at a state, given by the fields that matter."""
-    effect = find_effects()[name].effect
+    effect = find_effects()[name]
     s = State(*[0.0] * len(State._fields))._replace(**state)
     p = SimpleNamespace(**{q.name: values.get(q.name, q.default) for q in effect.parameters})
     return np.array(called(effect, 'kernel', s, constants, p, memory or {}))
@@ -49,11 +50,11 @@ def run(effects, source=COMMAND, **parameters):
     return result
 
 
-@pytest.mark.parametrize('name', sorted(n for n, e in find_effects().items() if acts_on(e.effect, MODULE)))
+@pytest.mark.parametrize('name', sorted(n for n, e in find_effects().items() if acts_on(e, MODULE)))
 def test_exchanging_the_wires_mirrors_the_motion(name):
     """alpha -> -alpha and wire 1 <-> wire 2 under the mirrored command; by the mirrored value if it tells them apart."""
-    here = {name: find_effects()[name].on(MODULE)}
-    parameters = here[name].effect.parameters
+    here = {name: effect_on(find_effects()[name], MODULE)}
+    parameters = here[name].parameters
     other = {q.name: EXCHANGED[name, q.name](q.default) for q in parameters if (name, q.name) in EXCHANGED}
     if name == 'clamp_slip':
         other = {'delta': 0.0, 'delta_2': parameters[0].default}
@@ -195,7 +196,7 @@ def test_turned_camera_turns_the_picture():
 
 
 def test_effects_without_meaning_leave_a_wire_alone():
-    names = [n for n, e in find_effects().items() if not acts_on(e.effect, WIRE)]
+    names = [n for n, e in find_effects().items() if not acts_on(e, WIRE)]
     assert {'gravity', 'thermal_crosstalk', 'power_gain_mismatch', 'sensor_misalignment'} <= set(names)
     bare, rich = make_model('wire'), make_model('wire', effects=[active(name) for name in names])
     assert len(bare.scales) == len(rich.scales)

@@ -11,6 +11,7 @@ from sma_sim import Input, UserError, default_parameters, effects, find_effects,
 from sma_sim.evidence.model_selection.candidates import candidates_for
 from sma_sim.evidence.model_selection.variants import scopes_of
 from sma_sim.model.config import Config
+from sma_sim.model.effects.conversion import effect_on
 from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.model.layout import O_J, O_STRAIN
 from sma_sim.solver.effect_table import channel_codes
@@ -39,10 +40,10 @@ def test_power_of_each_bundle():
 def test_clamps_of_some_bundles_slip():
     strain = findings(spatial('clamp_slip:delta=0.001,delta_2=0.002,delta_3=0.003,t_slip=0'))[1][:, O_STRAIN]
     assert strain == pytest.approx([0.0005, 0.001, 0.0015], rel=1e-12)
-    effects = {name: find_effects()['clamp_slip'].on(MOVING[name].structure).effect for name in ('slider', 'module')}
+    effects = {name: effect_on(find_effects()['clamp_slip'], MOVING[name]) for name in ('slider', 'module')}
     assert [p.name for p in effects['slider'].parameters] == ['delta', 't_slip', 'w']
     assert [p.name for p in effects['module'].parameters] == ['delta', 't_slip', 'w', 'delta_2']
-    assert not scopes_of(find_effects()['clamp_slip'].on(MOVING['module'].structure))
+    assert not scopes_of(effect_on(find_effects()['clamp_slip'], MOVING['module']))
 
 
 def test_length_of_each_bundle():
@@ -58,11 +59,11 @@ def test_parameters_of_two_bundles_and_a_plane_mean_what_they_did(name, paramete
     """By name in a file, and as an effect that is declared for the module."""
     by_name = spatial(f'{name}:{parameter}={value}')
     found = find_effects()[name]
-    values = tuple(value if p.name == parameter else p.neutral for p in found.effect.parameters)
+    values = tuple(value if p.name == parameter else p.neutral for p in found.parameters)
     declared = Model(Config(default_parameters('spatial'), 'spatial', 'hybrid', (ActiveEffect(found, values),)))
     for first, second in zip(findings(by_name), findings(declared), strict=True):
         assert (first == second).all()
-    assert [p.name for p in find_effects()[name].effect.parameters] == {
+    assert [p.name for p in find_effects()[name].parameters] == {
         'power_gain_mismatch': ['ratio'],
         'pretension_mismatch': ['delta'],
         'gravity': ['g_y', 'g_x'],
@@ -71,7 +72,7 @@ def test_parameters_of_two_bundles_and_a_plane_mean_what_they_did(name, paramete
 
 def test_gravity_has_every_direction_of_the_frame():
     names = {
-        system: [p.name for p in find_effects()['gravity'].on(MOVING[system].structure).effect.parameters]
+        system: [p.name for p in effect_on(find_effects()['gravity'], MOVING[system]).parameters]
         for system in ('module', 'spatial', 'stack')
     }
     assert names == {'module': ['g_y', 'g_x'], 'spatial': ['g_y', 'g_x', 'g_z'], 'stack': ['g_y', 'g_x']}
@@ -87,7 +88,7 @@ def test_gravity_has_every_direction_of_the_frame():
 
 
 def space_cases():
-    random, structure = np.random.default_rng(0), MOVING['spatial'].structure
+    random, structure = np.random.default_rng(0), MOVING['spatial']
     for _ in range(10):
         q = random.normal(size=6) * [1e-4, 3e-3, 3e-3, 0.2, 0.2, 0.1]
         yield q, SimpleNamespace(**dict(zip(structure.coordinate_names, q, strict=True))), structure.default_constants
@@ -95,9 +96,9 @@ def space_cases():
 
 def test_a_camera_that_is_turned_in_space():
     """Displacements and angles are those of the pose in its frame, by rotations of SciPy."""
-    kernel, angles = dict(find_effects()['sensor_misalignment'].effect.kernels)['spatial'], (0.3, -0.2, 0.1)
+    kernel, angles = dict(find_effects()['sensor_misalignment'].kernels)['spatial'], (0.3, -0.2, 0.1)
     p = SimpleNamespace(theta=angles[0], theta_y=angles[1], theta_x=angles[2])
-    codes = channel_codes(MOVING['spatial'].structure)[:6]
+    codes = channel_codes(MOVING['spatial'])[:6]
     for q, state, constants in space_cases():
         camera, plate = Rotation.from_euler('ZYX', angles), Rotation.from_euler('ZYX', q[3:])
         seen = [*camera.inv().apply(q[:3]), *(camera.inv() * plate).as_euler('ZYX')]
@@ -108,13 +109,11 @@ def test_a_camera_that_is_turned_in_space():
     plane = SimpleNamespace(theta=0.3, theta_y=0.0, theta_x=0.0)
     for code, value in ((0, flat.U_x), (1, flat.U_y), (2, flat.alpha)):
         here = SimpleNamespace(**vars(flat), channel=code, value=value)
-        assert kernel(here, None, plane) == pytest.approx(
-            find_effects()['sensor_misalignment'].effect.kernel(here, None, plane)
-        )
+        assert kernel(here, None, plane) == pytest.approx(find_effects()['sensor_misalignment'].kernel(here, None, plane))
 
 
 def test_a_beam_that_bends_in_two_planes_pulls_down_the_slope_of_its_energy():
-    kernel, p = dict(find_effects()['beam_nonlinearity'].effect.kernels)['spatial'], SimpleNamespace(b=4.0, c=0.8)
+    kernel, p = dict(find_effects()['beam_nonlinearity'].kernels)['spatial'], SimpleNamespace(b=4.0, c=0.8)
 
     def energy(q, b):
         x, weight = np.polynomial.legendre.leggauss(12)
@@ -137,7 +136,7 @@ def test_a_beam_that_bends_in_two_planes_pulls_down_the_slope_of_its_energy():
 def test_gravity_of_a_stack_is_that_of_its_parameters():
     """Every module carries the weight of those beyond it."""
     found, values = find_effects()['gravity'], (-9.0, 3.0)
-    by_effect = model_of('stack', effects=[ActiveEffect(found.on(MOVING['stack'].structure), values)])
+    by_effect = model_of('stack', effects=[ActiveEffect(effect_on(found, MOVING['stack']), values)])
     by_parameters = model_of('stack', stack__g_y=-9.0, stack__g_x=3.0)
     plain = model_of('stack')
     u = np.array([3.0, -4.0, 5.0, 298.0])
@@ -145,13 +144,13 @@ def test_gravity_of_a_stack_is_that_of_its_parameters():
         first, second, without = (evaluated(model, y, x, u)[0] for model in (by_effect, by_parameters, plain))
         assert first == pytest.approx(second, rel=1e-9, abs=1e-9 * np.abs(second - without).max())
         assert np.abs(second - without).max() > 1.0
-    assert 'stack.g_x' in found.on(MOVING['stack'].structure).effect.same_as
+    assert 'stack.g_x' in effect_on(found, MOVING['stack']).same_as
 
 
 @pytest.mark.parametrize('system', ['module', 'spatial'])
 def test_force_sensors_that_see_their_neighbours(system):
     """All of a kind at once are multiplied by a matrix with c beside its diagonal."""
-    c, d, structure = 0.06, 0.02, MOVING[system].structure
+    c, d, structure = 0.06, 0.02, MOVING[system]
     found = find_effects()['sensor_crosstalk']
     truth, rich = model_of(system), model_of(system, effects=[ActiveEffect(found, (c, d))])
     columns = [(f'F_{i + 1}_N', f'T_{i + 1}_K') for i in range(structure.wires)]
@@ -180,12 +179,12 @@ def test_one_force_sensor_alone_sees_the_others():
 
 def test_every_thermometer_lags():
     """One for each bundle, however many there are."""
-    found = find_effects()['thermometer_lag'].on(MOVING['spatial'].structure).effect
+    found = effect_on(find_effects()['thermometer_lag'], MOVING['spatial'])
     assert found.channels == ('T_1', 'T_2', 'T_3')
 
 
 def test_zeros_of_every_force_sensor_drift():
-    found = find_effects()['sensor_drift'].on(MOVING['spatial'].structure).effect
+    found = effect_on(find_effects()['sensor_drift'], MOVING['spatial'])
     names = [p.name for p in found.parameters]
     assert names == ['U_x', 'U_y', 'U_z', 'alpha', 'beta', 'gamma', 'F_1', 'F_2', 'F_3', 'k']
     assert [p.unit for p in found.parameters][2:7] == ['m/s', 'rad/s', 'rad/s', 'rad/s', 'N/s']
@@ -198,12 +197,12 @@ def test_zeros_of_every_force_sensor_drift():
 
 
 def test_dry_friction_of_a_rail_is_named_as_the_parameter_that_it_is():
-    slider, lever = (find_effects()['joint_friction'].on(MOVING[name].structure).effect for name in ('slider', 'lever'))
+    slider, lever = (effect_on(find_effects()['joint_friction'], MOVING[name]) for name in ('slider', 'lever'))
     assert 'slider.F_c' in slider.phrase and slider.same_as == 'slider.F_c with slider.v_c'
     low, high = slider.parameters[1].realistic
-    assert low < MOVING['slider'].structure.default_values['slider.v_c'] < high
+    assert low < MOVING['slider'].default_values['slider.v_c'] < high
     assert lever.phrase == 'dry friction of the joints' and not lever.same_as
-    friction = ActiveEffect(find_effects()['joint_friction'].on(MOVING['slider'].structure), (0.3, 1e-3))
+    friction = ActiveEffect(effect_on(find_effects()['joint_friction'], MOVING['slider']), (0.3, 1e-3))
     by_effect, by_parameter = model_of('slider', effects=[friction]), model_of('slider', slider__F_c=0.3, slider__v_c=1e-3)
     for y, x in states(by_effect, 5, 5):
         first, second = (evaluated(model, y, x, np.array([1.0, 298.0]))[0] for model in (by_effect, by_parameter))

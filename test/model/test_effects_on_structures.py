@@ -11,7 +11,7 @@ from test_structures import MOVING, command_of, evaluated, model_of, states
 from sma_sim import Input, UserError, find_effects, read_config, simulate
 from sma_sim.cli.main import main
 from sma_sim.evidence.estimation.injection_points import small_force
-from sma_sim.model.effects.conversion import pull_of
+from sma_sim.model.effects.conversion import effect_on, pull_of
 from sma_sim.model.effects.discovery import ActiveEffect, effects_on
 from sma_sim.model.effects.meaning import acts_on
 from sma_sim.model.layout import O_DEPS, O_DX, O_EPS, O_F, O_J, O_RATIO, O_SIGMA, O_STRAIN, O_V, O_X
@@ -25,7 +25,7 @@ CASES = [
     (name, system)
     for system, on in sorted(MOVING.items())
     for name, one in sorted(find_effects().items())
-    if acts_on(one.effect, on.structure)
+    if acts_on(one, on)
 ]
 # Where an effect shows: wires that run out of martensite, wires that would push, a load that creep leaves above the plateau.
 CONDITIONS = {
@@ -44,7 +44,7 @@ DURATION = 12.0
 
 def command(system):
     """Heating on and off again, of several wires not alike."""
-    source, count = command_of(system, DURATION), len(MOVING[system].structure.commands)
+    source, count = command_of(system, DURATION), len(MOVING[system].commands)
     return replace(source, values=source.values * np.append(np.resize([1.0, 0.5, 0.2], count), 1.0))
 
 
@@ -54,8 +54,8 @@ def conditions(name, system):
 
 def effect_of(name, system, neutral=False):
     """An effect as it is on a structure, at its neutral values or its defaults."""
-    found = find_effects()[name].on(MOVING[system].structure)
-    values = (p.neutral if neutral and p.neutral is not None else p.default for p in found.effect.parameters)
+    found = effect_on(find_effects()[name], MOVING[system])
+    values = (p.neutral if neutral and p.neutral is not None else p.default for p in found.parameters)
     return ActiveEffect(found, tuple(values))
 
 
@@ -180,7 +180,7 @@ def test_a_hardening_spring_and_one_with_play_balance_the_wires():
         ('cubic_stiffness', c, lambda k, q: k * q + c * k * q**3),
         ('backlash', b, lambda k, q: k * (q - 0.5 * b)),
     ):
-        found = find_effects()[name].on(MOVING['lever'].structure)
+        found = effect_on(find_effects()[name], MOVING['lever'])
         model = model_of('lever', 'hybrid', [ActiveEffect(found, (value,))], **kept)
         p, run = model.constants, simulate(model, held, np.array([59.0]))
         q = run['angle_rad'][0]
@@ -204,7 +204,7 @@ def test_heat_that_three_bundles_exchange_is_kept():
 
 def test_air_that_three_bundles_share():
     """One state for all, which the mean of what they give warms; it is the same for each."""
-    structure = MOVING['spatial'].structure
+    structure = MOVING['spatial']
     shared = effects_on(find_effects(), ['ambient_heating@shared'], structure)['ambient_heating@shared']
     model = model_of('spatial', 'hybrid', [ActiveEffect(shared, (1.0, 20.0))])
     p, w, u = model.compiled, model.compiled.wire, np.array([0.0, 0.0, 0.0, 298.0])
@@ -217,27 +217,27 @@ def test_air_that_three_bundles_share():
 
 def test_parameters_have_the_units_of_the_coordinate():
     """Numbers of a rotation of the module, converted by the pull of the wires and a usual change; rounded."""
-    structure = MOVING['slider'].structure
-    friction, bias = (find_effects()[name].on(structure).effect for name in ('joint_friction', 'sensor_bias'))
+    structure = MOVING['slider']
+    friction, bias = (effect_on(find_effects()[name], structure) for name in ('joint_friction', 'sensor_bias'))
     assert [(p.name, p.unit, p.default) for p in friction.parameters] == [('M_c', 'N', 0.4), ('w_s', 'm/s', 3.3e-5)]
-    thick = MOVING['slider'].structure.default_values | {'wire.r0': 0.25e-3}
-    assert find_effects()['joint_friction'].on(structure, thick).effect.parameters[0].default == pytest.approx(4.4)
+    thick = MOVING['slider'].default_values | {'wire.r0': 0.25e-3}
+    assert effect_on(find_effects()['joint_friction'], structure, thick).parameters[0].default == pytest.approx(4.4)
     assert [(p.name, p.unit) for p in bias.parameters] == [('position', 'm')] and bias.channels == ('position',)
     assert [scope.name for scope in friction.scopes] == ['position']
     config = read_config(words=['system=slider'], effects=['joint_friction@position:M_c=0.1', 'sensor_bias:position=1e-4'])
     assert [active.values[0] for active in config.effects] == [0.1, 1e-4]
     with pytest.raises(UserError, match='expected 0 to 2000 N'):
         read_config(words=['system=slider'], effects=['joint_friction:M_c=3e3'])
-    assert find_effects()['beam_creep'].on(structure).effect.phrase == 'creep of the springs'
-    assert find_effects()['gravity'].on(MOVING['module'].structure) is find_effects()['gravity']
+    assert effect_on(find_effects()['beam_creep'], structure).phrase == 'creep of the springs'
+    assert effect_on(find_effects()['gravity'], MOVING['module']) is find_effects()['gravity']
 
 
 @pytest.mark.parametrize('system', ['slider', 'lever', 'spatial', 'wire_under_load'])
 def test_sensors_are_off_by_a_part_of_the_usual_change(system):
     """That of the module: of U_y for what is no angle, of alpha for angles; gains are the same everywhere."""
-    structure, module = package_structures()[system].structure, package_structures()['module'].structure
+    structure, module = package_structures()[system], package_structures()['module']
     bias, gain = (find_effects()[name] for name in ('sensor_bias', 'sensor_gain'))
-    own, declared = bias.on(structure).effect.parameters, {p.name: p for p in bias.effect.parameters}
+    own, declared = effect_on(bias, structure).parameters, {p.name: p for p in bias.parameters}
     usual = {c.name: c.sensor_size(module.default_constants) for c in module.coordinates}
     assert [p.name for p in own] == list(structure.coordinate_names)
     for found, coordinate in zip(own, structure.coordinates, strict=True):
@@ -247,8 +247,8 @@ def test_sensors_are_off_by_a_part_of_the_usual_change(system):
         assert found.realistic == pytest.approx([factor * x for x in like.realistic], rel=0.05)
         assert found.bounds == pytest.approx([factor * x for x in like.bounds], rel=0.05)
         assert coordinate.name in found.description
-    plain = gain.effect.parameters[1]
-    for found in gain.on(structure).effect.parameters:
+    plain = gain.parameters[1]
+    for found in effect_on(gain, structure).parameters:
         assert (found.default, found.bounds, found.realistic) == (plain.default, plain.bounds, plain.realistic)
 
 
@@ -276,7 +276,7 @@ def slopes_at_rest(structure, function, constants, at):
 def test_small_forces_move_a_coordinate_by_a_part_of_its_usual_change(system):
     """What a bundle pulls with is its section times the slope of its length; a spring yields by force over stiffness."""
     config = model_of(system).config
-    structure, values = config.structure.structure, config.parameters
+    structure, values = config.structure, config.parameters
     constants = structure.constants_of(values)
     section, sprung = values['wire.n'] * np.pi * values['wire.r0'] ** 2, 0
     rest = record('Pose', structure.coordinate_names)(*np.zeros(len(structure.coordinates)))

@@ -9,6 +9,7 @@ from scipy.optimize import brentq
 from systems import active, evaluate, make_model, random_state
 
 from sma_sim import Config, Model
+from sma_sim.model.effects.conversion import effect_on
 from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.model.errors import UserError
 from sma_sim.model.layout import O_DX, O_S_A, O_S_M, O_SIGMA, O_STRAIN, O_X, Evaluation, InputPoint, SystemState
@@ -196,14 +197,14 @@ def test_strains_in_series_carry_one_stress(names, more):
 @pytest.mark.parametrize('system', ['module', 'lever', 'slider', 'spatial', 'wire'])
 def test_offsets_by_channel_reach_the_coordinates_in_the_same_unit(system):
     """Of the module's declaration a coordinate in m takes U_y's, one in rad alpha's; a structure's own stay as they are."""
-    structure = package_structures()[system].structure
+    structure = package_structures()[system]
     given = active('sensor_bias', U_x=1.0, U_y=2.0, alpha=3.0, stress=4.0)
     found = as_on(given, structure)
     if system in ('module', 'wire'):
         assert found.values == given.values
     else:
         assert found.values == tuple({'m': 2.0, 'rad': 3.0}[c.unit] for c in structure.coordinates)
-        own = ActiveEffect(given.found.on(structure), tuple(range(len(structure.coordinates))))
+        own = ActiveEffect(effect_on(given.effect, structure), tuple(range(len(structure.coordinates))))
         assert as_on(own, structure).values == own.values
     lag, gravity = active('sensor_lag'), active('gravity')
     assert as_on(lag, structure) is lag

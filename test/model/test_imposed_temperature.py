@@ -25,7 +25,7 @@ def test_every_structure_has_a_variant():
     for name in sorted(MOVING):
         path = ROBOT if name == 'rocker' else None
         config = read_config(path, words=[f'system={name}', PRESCRIBED])
-        structure, plain = config.structure.structure, MOVING[name].structure
+        structure, plain = config.structure, MOVING[name]
         assert config.system == f'{name}_at_T' and structure.original == name
         temperatures = [f'T{suffix}_K' for suffix in plain.wire_suffixes]
         assert list(structure.input_columns) == [*temperatures, *plain.input_columns]
@@ -34,8 +34,8 @@ def test_every_structure_has_a_variant():
         assert not structure.is_quasi_static and structure.default_values.items() >= dict(plain.defaults).items()
         assert read_config(path, words=[f'system={name}_at_T', 'bench.temperature=balance']).system == name
     two = read_config(words=['system=slider', PRESCRIBED, 'slider.wires=2'])
-    assert two.structure.structure.input_columns[:2] == ('T_1_K', 'T_2_K') and two.structure.structure.wires == 2
-    assert two.on_bench('slider_2').structure.structure.name == 'slider_2' and two.on_bench('slider_2_at_T') is two
+    assert two.structure.input_columns[:2] == ('T_1_K', 'T_2_K') and two.structure.wires == 2
+    assert two.on_bench('slider_2').structure.name == 'slider_2' and two.on_bench('slider_2_at_T') is two
 
 
 @pytest.mark.parametrize('kinetics', ['hybrid', 'mas'])
@@ -83,10 +83,10 @@ def test_one_bath_for_all_wires(tmp_path):
 
 
 def test_what_a_set_temperature_leaves_without_meaning(tmp_path, capsys):
-    structure = package_structures()['slider_at_T'].structure
+    structure = package_structures()['slider_at_T']
     for name, found in find_effects().items():
-        heats = found.effect.port in ('actuation', 'wire_heat') or name == 'thermometer_lag'
-        assert acts_on(found.effect, structure) == (acts_on(found.effect, MOVING['slider'].structure) and not heats), name
+        heats = found.port in ('actuation', 'wire_heat') or name == 'thermometer_lag'
+        assert acts_on(found, structure) == (acts_on(found, MOVING['slider']) and not heats), name
     config = Config(system='slider_at_T')
     assert not {'wire.c_V', 'wire.lambda'} & set(default_names(config)) and 'slider.k' in default_names(config)
     assert 'imposed' in why_unidentifiable('wire.c_V', config)

@@ -15,7 +15,7 @@ from sma_sim.evidence.data.recording import in_order
 from sma_sim.explore.application import Application
 from sma_sim.explore.export import write_version
 from sma_sim.explore.session import Start, open_session
-from sma_sim.model.structures.discovery import FoundStructure, StructureError, package_structures
+from sma_sim.model.structures.discovery import StructureError, package_structures
 from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.model import inertia_of
 
@@ -52,7 +52,7 @@ def test_effects_without_a_meaning_are_said(tmp_path, capsys):
 def test_systems_are_listed(capsys):
     assert main(['systems']) == 0
     text = capsys.readouterr().out
-    listed = [name for name, found in package_structures().items() if found.structure.has_own_columns]
+    listed = [name for name, found in package_structures().items() if found.has_own_columns]
     assert all(name in text for name in listed) and 'slider.k' in text and 'slider_at_T' not in text
     assert main(['systems', 'slidr']) == 2
     assert 'did you mean slider' in capsys.readouterr().err
@@ -75,7 +75,7 @@ def test_init_writes_the_file_of_a_structure(tmp_path, capsys):
 
 def changed(**fields):
     """The slider with some fields changed, as a file of the user's would have it."""
-    structure = package_structures()['slider'].structure
+    structure = package_structures()['slider']
     return Structure(**{name: getattr(structure, name) for name in structure.__dataclass_fields__} | fields)
 
 
@@ -92,7 +92,7 @@ def changed(**fields):
 )
 def test_wrong_structures_are_told(fields, words):
     with pytest.raises(StructureError, match=words):
-        native_structure(FoundStructure(changed(name=f'wrong_{len(words)}', **fields), (), ('sma_sim.', __name__)))
+        native_structure(changed(name=f'wrong_{len(words)}', **fields))
 
 
 def test_structures_that_cannot_be_declared():
@@ -152,10 +152,10 @@ def test_a_name_that_no_file_declares_is_told(tmp_path):
 
 def test_an_inertia_that_cannot_be_is_told():
     """Of a function that depends on parameters, when a model is made of it."""
-    found = FoundStructure(changed(name='light', inertia=lambda p: p.m - 0.1), (), ('sma_sim.', __name__))
+    found = changed(name='light', inertia=lambda p: p.m - 0.1)
     with pytest.raises(UserError, match=r"structure 'light': its inertia in position is -0\.07 kg; expected more than 0"):
-        inertia_of(found.structure, found.structure.default_constants)
-    assert inertia_of(found.structure, found.structure.constants_of({**found.structure.default_values, 'slider.m': 0.3}))
+        inertia_of(found, found.default_constants)
+    assert inertia_of(found, found.constants_of({**found.default_values, 'slider.m': 0.3}))
 
 
 def test_data_do_not_say_which_structure_files_are_run(tmp_path):

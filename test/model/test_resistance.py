@@ -53,7 +53,7 @@ def isothermal(folder, config, temperatures=(330.0, 360.0), noise=2e-3):
             times,
             np.column_stack([[0.0, 0.06, 0.0], np.full(3, T), np.zeros(3), np.full(3, 298.0)]),
             (True, True, False, False),
-            config.structure.structure.input_columns,
+            config.structure.input_columns,
         )
         run = simulate(Model(config), source, np.linspace(0.0, 120.0, 241))
         shown = {'milliohm': 1e3 * (run['R_ohm'] + noise * random.normal(size=241))}
@@ -70,7 +70,7 @@ def test_self_sensing_data_are_fitted(tmp_path):
     config = read_config(words=words)
     true = ['wire.resistivity_A=8.2e-7', 'wire.resistivity_M=9.6e-7', 'wire.resistivity_T_A=5e-4']
     paths = isothermal(tmp_path, read_config(words=[*words, *true]))
-    dataset = read_dataset(paths, config.structure.structure.name, 298.0, tmp_path / 'map.yaml', {'R': 2e-3, 'stress': 1e5})
+    dataset = read_dataset(paths, config.structure.name, 298.0, tmp_path / 'map.yaml', {'R': 2e-3, 'stress': 1e5})
     assert dataset.channels == {'R', 'stress'}
     free, _ = choose_free(config, None, dataset.channels)
     assert set(RESISTIVITY_NAMES) <= {p.name for p in free}

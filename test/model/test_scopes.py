@@ -12,7 +12,7 @@ from flows import Point, active, make_model
 from sma_sim import Effect, Parameter, UserError, find_effects, read_config, simulate
 from sma_sim.compiler.effect_kernels import native_effect
 from sma_sim.evidence.estimation.executors import PickledConfig
-from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, with_scopes
+from sma_sim.model.effects.discovery import ActiveEffect, with_scopes
 from sma_sim.model.effects.meaning import acts_on
 from sma_sim.model.effects.scope import law_name
 from sma_sim.model.parameter_file import parameter_file
@@ -25,12 +25,12 @@ from other_form_truths import FORMS  # noqa: E402
 COMMAND = module_input([0.0, 1.0, 8.0, 14.0, 20.0], [0.0, 12.0, -10.0, 4.0, 0.0])
 SAMPLES = np.arange(0.0, 20.0, 0.1)
 NOISE = {'U_x_m': 2e-6, 'U_y_m': 1e-5, 'alpha_rad': 3.5e-4, 'T_1_K': 0.1, 'T_2_K': 0.1}
-MODULE = package_structures()['module'].structure
+MODULE = package_structures()['module']
 BY_WIRE = [  # slack: not only in wires that would push
     name
     for name, one in find_effects().items()
-    if one.effect.port in ('wire_heat', 'wire_strain', 'wire_force')
-    and acts_on(one.effect, MODULE)
+    if one.port in ('wire_heat', 'wire_strain', 'wire_force')
+    and acts_on(one, MODULE)
     and name not in ('slack', 'clamp_slip')  # the latter has a parameter for each bundle
 ]
 
@@ -38,7 +38,7 @@ BY_WIRE = [  # slack: not only in wires that would push
 def in_scope(name, **values):
     """An effect in a scope, NAME@SCOPE, at its defaults but for `values`."""
     found = with_scopes(find_effects(), [name])[name]
-    return ActiveEffect(found, tuple(values.get(p.name, p.default) for p in found.effect.parameters))
+    return ActiveEffect(found, tuple(values.get(p.name, p.default) for p in found.parameters))
 
 
 def form(name, **values):
@@ -114,7 +114,7 @@ def test_a_sensor_that_lags_in_one_channel():
 def own_law(name, port, parameters, kernel, values, **more):
     """An effect that is written apart, at values."""
     effect = Effect(name, port, '', '', tuple(Parameter(p, 0.0, '-', (-1e9, 1e9), '') for p in parameters), kernel, **more)
-    return [ActiveEffect(FoundEffect(effect, (), ('sma_sim', __name__.partition('.')[0])), values)]
+    return [ActiveEffect(effect, values)]
 
 
 def test_another_form_multiplies_the_law_of_a_wire():
@@ -154,7 +154,7 @@ def test_another_form_counts_temperatures_from_the_surroundings():
 
 @pytest.mark.parametrize('name', ['guide_friction@form_v', 'joint_friction@form_dq', 'polycrystal@wire_1_form_x'])
 def test_the_form_that_is_declared_is_the_neutral_one(name):
-    effect = find_effects()[name.partition('@')[0]].effect
+    effect = find_effects()[name.partition('@')[0]]
     law = in_scope(law_name(name)) if '@' in law_name(name) else active(effect.name, [p.default for p in effect.parameters])
     for column, values in shown([in_scope(name)]).columns.items():
         assert np.array_equal(values, shown([law])[column])
@@ -169,16 +169,16 @@ def test_a_law_has_other_forms_in_what_it_reads():
 
 def test_scopes_compile_nothing():
     found = find_effects()['natural_convection']
-    for scope in (*found.effect.scopes, found.effect.scopes[0].of('T')):
+    for scope in (*found.scopes, found.scopes[0].of('T')):
         assert native_effect(found.in_scope(scope)) is native_effect(found)
 
 
 def test_a_state_that_begins_in_the_wire_is_not_shared():
     found = find_effects()['latent_heat_scale']
-    assert all(not scope.shared for scope in found.effect.scopes)
-    (shared,) = [scope for scope in find_effects()['ambient_heating'].effect.scopes if scope.shared]
+    assert all(not scope.shared for scope in found.scopes)
+    (shared,) = [scope for scope in find_effects()['ambient_heating'].scopes if scope.shared]
     with pytest.raises(UserError, match='wires can share states of wire_heat that begin at zero'):
-        native_effect(FoundEffect(found.effect.in_scope(shared), (), found.packages, found))
+        native_effect(found.in_scope(shared))
 
 
 def test_a_scope_survives_its_parameter_file(tmp_path):
@@ -186,17 +186,17 @@ def test_a_scope_survives_its_parameter_file(tmp_path):
     file = tmp_path / 'robot.yaml'
     file.write_text(parameter_file(config))
     again = read_config(file)
-    assert [(active.found.effect.name, active.values) for active in again.effects] == [
-        (one.found.effect.name, one.values) for one in config.effects
+    assert [(active.effect.name, active.values) for active in again.effects] == [
+        (one.effect.name, one.values) for one in config.effects
     ]
-    assert again.effects[0].found.effect.scope.name == 'wire_1' and again.effects[0].values[0] == 30.0
-    assert again.effects[0].found.effect.phrase == 'heat lost by natural convection, in wire 1 only'
+    assert again.effects[0].effect.scope.name == 'wire_1' and again.effects[0].values[0] == 30.0
+    assert again.effects[0].effect.phrase == 'heat lost by natural convection, in wire 1 only'
 
 
 def test_a_scope_reaches_other_processes():
     config = read_config(effects=['natural_convection@wire_2:k=30'])
     sent = pickle.loads(pickle.dumps(PickledConfig(config))).config
-    assert sent.effects[0].found == config.effects[0].found
+    assert sent.effects[0].effect == config.effects[0].effect
 
 
 @pytest.mark.parametrize(

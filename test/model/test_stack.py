@@ -193,7 +193,7 @@ def test_random_stacks_come_to_their_end():
 def test_the_number_of_modules_is_a_parameter(tmp_path, capsys):
     assert stack(5).structure.commands == ('J_eq_1', 'J_eq_2', 'J_eq_3', 'J_eq_4', 'J_eq_5')
     assert stack(5).structure.channels[-1] == 'R_10' and stack(5).structure.coordinate_names[-1] == 'alpha_5'
-    assert read_config(words=['system=stack']).structure.structure == Model(Config(system='stack')).structure
+    assert read_config(words=['system=stack']).structure == Model(Config(system='stack')).structure
     config = read_config(words=['system=stack', 'stack.modules=2', 'initial.x_M_4=0.3'])
     assert config.parameters['initial.x_M_4'] == 0.3 and config.system == 'stack'
     for words, message in (
@@ -206,7 +206,7 @@ def test_the_number_of_modules_is_a_parameter(tmp_path, capsys):
             read_config(words=['system=stack', *words])
     out, command = tmp_path / 'two.yaml', tmp_path / 'c.csv'
     assert main(['init', '--system', 'stack', '--set', 'stack.modules=2', '--out', str(out), '--no-questions']) == 0
-    assert read_config(out).structure.structure.wires == 4 and 'x_M_4' in out.read_text()
+    assert read_config(out).structure.wires == 4 and 'x_M_4' in out.read_text()
     command.write_text('time_s,J_eq_1_W,J_eq_2_W\n0,0,0\n2,12,-8\n12,0,0\n20,0,0\n')
     data = tmp_path / 'two.csv'
     words = ['--config', str(out)]

@@ -11,7 +11,7 @@ from sma_sim.compiler.effect_kernels import kernel_types, outputs_of, own_kernel
 from sma_sim.compiler.fields_read import can_share, fields_read, uses_time
 from sma_sim.compiler.kernel_text import OneKernel, parameter_of_channel
 from sma_sim.compiler.structure_kernels import new_effects
-from sma_sim.model.effects.conversion import converted, pull_of, rounded, size_of
+from sma_sim.model.effects.conversion import converted, effect_on, pull_of, rounded, size_of
 from sma_sim.model.effects.discovery import EffectError, find_effects
 from sma_sim.model.effects.meaning import POSE, acting_coordinates, acts_on, channel_slots, is_tried
 from sma_sim.model.kinetics import mas_rate, transition_rates
@@ -42,7 +42,7 @@ def one_coordinate(wires=1, **fields):
 
 @pytest.mark.parametrize('name', sorted(FOUND))
 def test_channels_columns_and_inputs_belong_together(name):
-    structure = FOUND[name].structure
+    structure = FOUND[name]
     suffixes = [''] if structure.wires == 1 else [f'_{i + 1}' for i in range(structure.wires)]
     shown = list(structure.coordinate_names) or ['stress']
     shown += [f'F{s}' for s in suffixes] if structure.coordinates else []
@@ -113,7 +113,7 @@ def test_springs_of_their_own():
     assert held.sprung == (2,) and one_coordinate().sprung == ()
     assert acting_coordinates(('spring',), held) == () and acting_coordinates(('joint',), held) == (0, 1, 3)
     assert acting_coordinates(('coordinate',), held) == (0, 1, 2, 3)
-    assert MODULE.sprung == (0,) and FOUND['lever'].structure.sprung == (0,)
+    assert MODULE.sprung == (0,) and FOUND['lever'].sprung == (0,)
 
 
 def test_segments_in_series_repeat_what_one_is():
@@ -132,7 +132,7 @@ def test_segments_in_series_repeat_what_one_is():
 @pytest.mark.parametrize('name', ['lever', 'slider', 'spatial', 'slider_2', 'module', 'coil'])
 def test_the_pull_of_bundles_is_their_sections_times_the_longest_arm(name):
     """n pi r0^2 |dl/dq| at rest [N/Pa], of a coil n Om deps/dl |dl/dq|, by which forces of effects are converted."""
-    structure = FOUND['slider'].structure.of_size(2) if name == 'slider_2' else FOUND[name].structure
+    structure = FOUND['slider'].of_size(2) if name == 'slider_2' else FOUND[name]
     values = structure.default_values
     section = values['wire.n'] * math.pi * values['wire.r0'] ** 2
     p, n = structure.default_constants, len(structure.coordinates)
@@ -146,7 +146,7 @@ def test_the_pull_of_bundles_is_their_sections_times_the_longest_arm(name):
 
 
 def test_parameters_of_effects_keep_their_size_beside_the_pull_and_the_usual_change():
-    lever, slider = FOUND['lever'].structure, FOUND['slider'].structure
+    lever, slider = FOUND['lever'], FOUND['slider']
     values = lever.default_values
     ratio = size_of(lever, 0, values) / 0.15
     for quantity, unit, factor, expected in (
@@ -183,8 +183,8 @@ def test_parameters_of_effects_keep_their_size_beside_the_pull_and_the_usual_cha
 @pytest.mark.parametrize('name', sorted(EFFECTS))
 def test_an_effect_acts_where_it_has_a_meaning(name):
     """Heat where there is a heat balance, forces on coordinates that have what they need, sensors on channels."""
-    effect = EFFECTS[name].effect
-    for structure in (found.structure for found in FOUND.values()):
+    effect = EFFECTS[name]
+    for structure in FOUND.values():
         acts = not effect.systems or bool({structure.family, structure.original} & {*effect.systems})
         acts &= structure.strain is None or not effect.straight
         acts &= structure.wires >= effect.wires
@@ -209,10 +209,10 @@ def test_an_effect_acts_where_it_has_a_meaning(name):
 
 
 def test_states_of_effects_are_there_once_for_each_place():
-    lever, wire = FOUND['lever'].structure, FOUND['wire'].structure
-    creep, lag, sensed = (EFFECTS[name].effect for name in ('beam_creep', 'driver_lag', 'sensor_lag'))
+    lever, wire = FOUND['lever'], FOUND['wire']
+    creep, lag, sensed = (EFFECTS[name] for name in ('beam_creep', 'driver_lag', 'sensor_lag'))
     assert len(state_scales(lag, MODULE)) == 2 * len(lag.states) and len(state_scales(lag, wire)) == len(lag.states)
-    on_lever = EFFECTS['sensor_lag'].on(lever).effect
+    on_lever = effect_on(EFFECTS['sensor_lag'], lever)
     count = sum(slot >= 0 for slot in channel_slots(on_lever, lever))
     scales = channel_scales(lever)
     assert state_scales(on_lever, lever) == [
@@ -226,14 +226,13 @@ def test_states_of_effects_are_there_once_for_each_place():
 
 
 def test_kernels_are_compiled_for_a_structure_where_they_read_its_coordinates():
-    lever = FOUND['lever'].structure
+    lever = FOUND['lever']
     assert pose_fields(lever) == ('angle', 'dangle')
     assert pose_fields(Structure('s', 's', (Coordinate('T', 'm', 0.1),), 1, **(PLAIN | {'lengths': lambda q, p: 0.1}))) == (
         'T_',
         'dT',
     )
-    for name, found in EFFECTS.items():
-        effect = found.effect
+    for name, effect in EFFECTS.items():
         assert own_kernels(effect, MODULE) == bool(effect.needs or any(each.numbers(2) for each in effect.each_bundle))
         if not effect.needs and not effect.by_channel and effect.port == 'wire_heat':
             assert not own_kernels(effect, lever), name
@@ -243,13 +242,13 @@ def test_kernels_are_compiled_for_a_structure_where_they_read_its_coordinates():
 
 def test_limits_of_joints_bear_what_the_wires_can_pull():
     """n section E_A eps_T on every wire, along dl/dq; of the lever on both sides."""
-    lever = FOUND['lever'].structure
+    lever = FOUND['lever']
     values, w = lever.default_values, wire_constants(lever.default_values)
     force = w.n * w.section * w.E_A * w.eps_T
     (joint, *_) = Sketch(lever, values).tree.joints
     assert joint.motion.effort == pytest.approx(2.0 * values['lever.r'] * force, rel=1e-6)
     assert (joint.motion.lower, joint.motion.upper, joint.motion.velocity) == pytest.approx((-2.0, 2.0, 2.0))
-    spatial = FOUND['spatial'].structure
+    spatial = FOUND['spatial']
     motions = [joint.motion for joint in Sketch(spatial, spatial.default_values).tree.joints if joint.motion]
     assert all(motion.effort > 0.0 and motion.lower == -motion.upper for motion in motions)
     assert [motion.upper for motion in motions[3:]] == pytest.approx([10.0 * 0.15] * 3)  # of their usual change
@@ -318,14 +317,14 @@ def test_axes_of_coordinates_that_tell_none():
 def test_a_sensors_effect_in_one_channel_acts_there_alone():
     for name in ('sensor_lag', 'sensor_bias', 'sensor_gain'):
         found = EFFECTS[name]
-        for scope in found.effect.scopes:
-            slots = channel_slots(found.in_scope(scope).effect, MODULE)
+        for scope in found.scopes:
+            slots = channel_slots(found.in_scope(scope), MODULE)
             assert [slot >= 0 for slot in slots] == [channel == scope.channel for channel in MODULE.channels]
 
 
 @pytest.mark.parametrize('name', sorted(EFFECTS))
 def test_wires_share_states_of_heat_that_begin_alike(name):
-    effect = EFFECTS[name].effect
+    effect = EFFECTS[name]
     shared = [scope for scope in effect.scopes if scope.shared]
     assert can_share(effect) == (effect.port == 'wire_heat' and len(effect.states) > 0 and effect.start is None)
     assert bool(shared) == (effect.port == 'wire_heat' and len(effect.states) > 0)
@@ -336,8 +335,8 @@ def test_wires_share_states_of_heat_that_begin_alike(name):
 @pytest.mark.parametrize('system', ['module', 'wire', 'spatial', 'lever', 'slider'])
 def test_each_channel_has_its_own_parameter(name, system):
     """The source that kernels are compiled from, evaluated for the number by which each channel is known."""
-    structure = FOUND[system].structure
-    effect = EFFECTS[name].on(structure).effect
+    structure = FOUND[system]
+    effect = effect_on(EFFECTS[name], structure)
     text = parameter_of_channel(effect, structure)
     codes = dict(zip(structure.channels, channel_codes(structure), strict=True))
     own = [p.name for p in effect.parameters]
@@ -375,7 +374,7 @@ def test_a_wire_moves_to_another_bench_with_what_it_is():
     assert (under_load.system, under_load.parameters['wire.E_A']) == ('wire_under_load', 1.3e10)
     assert under_load.parameters['bench.lag'] == 1e-4 and under_load.parameters['initial.x_M_1'] == 0.0
     assert under_load.effects[0].values[0] == 33.0 and config.on_bench('wire') is config
-    assert under_load.effects[0].found.effect.structure.name == 'wire_under_load'
+    assert under_load.effects[0].effect.structure.name == 'wire_under_load'
     assert (
         config.variant({'effects.natural_convection.m': 1.0 + 1e-7}).on_bench('wire_under_load').effects[0].values[1] > 1.0
     )
@@ -385,7 +384,7 @@ def test_a_wire_moves_to_another_bench_with_what_it_is():
 
 def test_data_that_name_folders_are_asked_for_only_where_something_is_missing():
     recorded = {'effects.paths': ['/nowhere'], 'effects.active': ['gravity']}
-    assert read_config(recorded=recorded).effects[0].found.effect.name == 'gravity'
+    assert read_config(recorded=recorded).effects[0].effect.name == 'gravity'
     with pytest.raises(UserError, match='the effect strange is needed, but only data name its folder'):
         read_config(recorded=recorded | {'effects.active': ['gravity', 'strange']})
     with pytest.raises(UserError, match='unknown effect strange'):
@@ -396,7 +395,7 @@ def test_data_that_name_folders_are_asked_for_only_where_something_is_missing():
 
 def test_all_segments_of_a_series_are_asked_for_at_first():
     """Behind the drives, the count and the forces of effects: from the first, up to behind the last, twice; then forces."""
-    stack = FOUND['stack'].structure
+    stack = FOUND['stack']
     room = new_effects(stack)
     asked = room[-len(stack.coordinates) - RANGE : -len(stack.coordinates)]
     assert asked.tolist() == [0.0, 3.0, 0.0, 3.0] and np.count_nonzero(room) == 2

@@ -12,7 +12,7 @@ from sma_sim.model.structures.structure import numbers, record
 from sma_sim.solver.inputs import segments
 
 KINDS = ['hybrid', 'mas']
-ENERGETIC = sorted(name for name, found in MOVING.items() if found.structure.energy)
+ENERGETIC = sorted(name for name, found in MOVING.items() if found.energy)
 
 
 def friction_power(model, pose, rates):

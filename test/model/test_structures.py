@@ -1,6 +1,7 @@
 """Structures as parts: every one keeps its energy, moves as its equations say, and joins without an edit of the package."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from sma_sim.model.layout import O_DL, O_EPS, O_F, O_J, O_STRAIN, O_V, O_X, Inpu
 from sma_sim.model.material import internal_energy
 from sma_sim.model.parameters import BeamConstants
 from sma_sim.model.structures.beam import inclined_wire_length, stiffness_forces
-from sma_sim.model.structures.discovery import FoundStructure, package_structures
+from sma_sim.model.structures.discovery import package_structures
 from sma_sim.model.structures.structure import Structure, numbers, record
 from sma_sim.model.system import flow
 from sma_sim.solver.fixed_rate import FixedRateRun
@@ -24,7 +25,7 @@ ROCKER = find_structures([EXAMPLE])['rocker']
 MOVING = {
     name: found
     for name, found in (*package_structures().items(), ('rocker', ROCKER))
-    if found.structure.coordinates and not found.structure.drives
+    if found.coordinates and not found.drives
 }
 HEATING = {'spatial': 8.0, 'module': 12.0, 'stack': 12.0, 'lever': 1.2, 'rocker': 1.2, 'slider': 1.2, 'coil': 4.0}
 
@@ -33,13 +34,13 @@ def model_of(name, kind='hybrid', effects=(), **parameters):
     """A model of a structure at its defaults, some parameters changed (``slider__k=...``)."""
     changed = {key.replace('__', '.'): value for key, value in parameters.items()}
     own = ROCKER if name == 'rocker' else None
-    values = MOVING[name].structure.default_values | changed
+    values = MOVING[name].default_values | changed
     return Model(Config(values, name, kind, tuple(effects), own_structure=own))
 
 
 def command_of(name, duration=30.0):
     """Heating on and off again, of an antagonistic pair on both sides."""
-    structure, J = MOVING[name].structure, HEATING[name]
+    structure, J = MOVING[name], HEATING[name]
     levels = [0.0, J, -0.8 * J, 0.0] if structure.antagonistic else [0.0, J, 0.5 * J, 0.0]
     times = np.array([0.0, 0.1, 0.4, 0.7, 1.0]) * duration
     columns = np.column_stack([[*levels, 0.0]] * len(structure.commands) + [np.full(5, 298.0)])
@@ -83,7 +84,7 @@ def energy_of(model, y, x, u):
 
 
 @pytest.mark.parametrize('kind', ['hybrid', 'mas'])
-@pytest.mark.parametrize('name', sorted(name for name, found in MOVING.items() if found.structure.energy))
+@pytest.mark.parametrize('name', sorted(name for name, found in MOVING.items() if found.energy))
 def test_first_law(name, kind):
     """What is stored changes by heating, heat lost to the air, and friction alone."""
     model = model_of(name, kind)
@@ -125,7 +126,7 @@ def test_wires_pull_along_the_gradient_of_their_lengths(name):
 
 def planar_beam():
     """The planar beam with three bundles: one on the side of +y, two together half as far on the other."""
-    spatial = package_structures()['spatial'].structure
+    spatial = package_structures()['spatial']
 
     def lengths(q, p):
         sine, cosine = math.sin(q.alpha), math.cos(q.alpha)
@@ -163,7 +164,7 @@ def planar_beam():
 
 def test_spatial_reduces_to_the_planar_beam():
     """One bundle idle, the others mirrored: lengths and forces are the planar beam's, and nothing leaves the plane."""
-    spatial, planar = package_structures()['spatial'].structure, planar_beam()
+    spatial, planar = package_structures()['spatial'], planar_beam()
     p, b = spatial.default_constants, planar.default_constants
     random = np.random.default_rng(6)
     for _ in range(50):
@@ -185,7 +186,7 @@ def test_spatial_reduces_to_the_planar_beam():
 
 def test_a_loaded_spatial_beam_is_the_cantilever_of_textbooks():
     """Tip deflections F L^3/(3 E I), F L^2/(2 E I), F L/(E A), slopes M L/(E I), M L/(G J); h is the radius."""
-    structure = package_structures()['spatial'].structure
+    structure = package_structures()['spatial']
     values = structure.default_values
     L, E, h, nu = (values[f'spatial.{name}'] for name in ('L', 'E', 'h', 'nu'))
     area_moment, A, G = math.pi * h**4 / 4.0, math.pi * h**2, E / (2.0 * (1.0 + nu))
@@ -208,8 +209,8 @@ def test_a_loaded_spatial_beam_is_the_cantilever_of_textbooks():
 @pytest.mark.parametrize('kind', ['hybrid', 'mas'])
 def test_a_spatial_run_is_that_of_the_planar_beam(kind):
     """One bundle idle, the others heated alike: the same motion to 1e-9 m and rad, which the tolerance limits."""
-    spatial, file = package_structures()['spatial'].structure, Path(__file__)
-    planar = FoundStructure(planar_beam(), (file,), ('sma_sim.', file.stem))
+    spatial, file = package_structures()['spatial'], Path(__file__)
+    planar = replace(planar_beam(), files=(file,))
     times, levels = np.array([0.0, 1.0, 6.0, 8.0]), np.array([0.0, 9.0, 4.0, 4.0])
     values, runs = spatial.default_values | {'solver.rtol': 1e-9}, []
     for name, own in (('spatial', None), ('planar', planar)):
@@ -391,13 +392,13 @@ def test_random_parameters_of_every_structure():
         for turn in range(12):
             values = {
                 key: value * (1.0 + random.uniform(-0.25, 0.25))
-                for key, value in found.structure.default_values.items()
-                if key in found.structure.declared and key != found.structure.size_name
+                for key, value in found.default_values.items()
+                if key in found.declared and key != found.size_name
             }
-            for key, parameter in found.structure.declared.items():
+            for key, parameter in found.declared.items():
                 if key in values:
                     values[key] = min(max(values[key], parameter.bounds[0]), parameter.bounds[1])
-            values['wire.l0'] = found.structure.default_values['wire.l0'] * fitting(found.structure, values)
+            values['wire.l0'] = found.default_values['wire.l0'] * fitting(found, values)
             changed = {key.replace('.', '__'): value for key, value in values.items()}
             run = simulate(model_of(name, 'mas' if turn % 2 else 'hybrid', **changed), command_of(name), 5.0)
             assert run.completed, (name, values, run.reason)
@@ -421,4 +422,4 @@ def test_an_effect_on_a_structure_reads_its_coordinates_and_constants(tmp_path):
     with_effect = simulate(model_of('slider', effects=effect, slider__b=1.0), command, 20.0)
     damped = simulate(model_of('slider', slider__b=4.0), command, 20.0)
     assert with_effect['position_m'] == pytest.approx(damped['position_m'], abs=1e-8)
-    assert not acts_on(effect[0].found.effect, MOVING['module'].structure)
+    assert not acts_on(effect[0].effect, MOVING['module'])

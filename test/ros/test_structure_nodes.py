@@ -26,9 +26,9 @@ from sma_sim.model.structures.discovery import package_structures  # noqa: E402
 EXAMPLE = Path(__file__).resolve().parents[2] / 'examples' / 'own_structure'
 # One that imposes the temperatures of several wires stands for all.
 STRUCTURES = {
-    name: found.structure
+    name: found
     for name, found in package_structures().items()
-    if name != 'module' and (found.structure.has_own_columns or name == 'lever_at_T')
+    if name != 'module' and (found.has_own_columns or name == 'lever_at_T')
 }
 SET_POINTS = {
     'strain': (0.01, 0.03, 9e99, 0.02),
@@ -36,7 +36,7 @@ SET_POINTS = {
     'crosshead': (1e-3, -1e-3, math.nan, 0.0),
     **dict.fromkeys(('T', 'T_1', 'T_2'), (310.0, 345.0, 9e99, 340.0)),
 }
-STRUCTURES['rocker'] = find_structures([EXAMPLE])['rocker'].structure
+STRUCTURES['rocker'] = find_structures([EXAMPLE])['rocker']
 TOPICS = (
     (JointState, 'joint_states'),
     (JointState, 'wire_states'),

@@ -8,6 +8,7 @@ from closed_loops import closed_loop
 from systems import active, make_model
 
 from sma_sim import Input, module_input, simulate
+from sma_sim.model.effects.conversion import effect_on
 from sma_sim.model.effects.discovery import ActiveEffect, package_effects
 from sma_sim.model.parameters import wire_constants
 from sma_sim.model.structures.discovery import package_structures
@@ -218,10 +219,10 @@ def test_the_temperature_of_a_smoothed_run_differs_by_what_is_allowed():
 @pytest.mark.parametrize('system', ['module', 'spatial', 'slider', 'wire'])
 def test_every_effect_is_asked_whether_it_passes_lines(system):
     """Kernels read the parameters of further bundles and of a plane, too."""
-    structure = package_structures()[system].structure
+    structure = package_structures()[system]
     for found in package_effects().values():
-        one = found.on(structure)
-        active = ActiveEffect(one, tuple(p.default for p in one.effect.parameters))
+        one = effect_on(found, structure)
+        active = ActiveEffect(one, tuple(p.default for p in one.parameters))
         assert passes_lines([active], structure, wire_constants(structure.default_values), 1.0) in (True, False)
 
 

@@ -166,7 +166,7 @@ def test_wires_that_transform_by_less_than_a_percent_in_a_quarter_of_an_hour_res
 def test_a_usual_change_of_each_channel():
     """10 N, 30 K, 100 MPa, 1 ohm, by which errors of lagging sensors are weighed."""
     for system, usual in (('module', [10.0] * 2 + [30.0] * 2 + [1.0] * 2), ('wire', [1e8, 30.0, 1.0])):
-        structure = package_structures()[system].structure
+        structure = package_structures()[system]
         assert channel_scales(structure)[len(structure.coordinates) :] == usual
 
 
@@ -287,10 +287,10 @@ def test_what_is_imposed_may_come_in_any_order(interpreted):
     times, given = np.array([0.0, 5.0, 10.0]), {'stress': [1e8, 1.5e8, 1.2e8], 'T': [330.0, 300.0, 350.0]}
 
     def run(found):
-        model = Model(Config(own_structure=found, system=found.structure.name))
-        columns = [given[drive.name] for drive in found.structure.drives]
+        model = Model(Config(own_structure=found, system=found.name))
+        columns = [given[drive.name] for drive in found.drives]
         rows = np.column_stack([*columns, np.zeros(3), np.full(3, 298.0)])
-        source = Input(times, rows, (True, True, False, False), found.structure.input_columns)
+        source = Input(times, rows, (True, True, False, False), found.input_columns)
         return simulate(model, source, 2.0)
 
     one, other = interpreted(run, usual), interpreted(run, turned)

@@ -11,7 +11,7 @@ from sma_sim.model.structures.discovery import package_structures
 from sma_sim.solver.inputs import Input
 from sma_sim.solver.simulate import channels_of_all, new_run, new_work
 
-STRUCTURES = [package_structures()[name].structure for name in ('module', 'wire')]
+STRUCTURES = [package_structures()[name] for name in ('module', 'wire')]
 COLUMN = {
     channel: column
     for structure in STRUCTURES
@@ -36,7 +36,7 @@ SELECTIONS = {
     'wire': (('stress',), ('T',), ('T', 'stress'), ('R',), ('R', 'stress')),
 }
 EFFECTS = find_effects()
-DEFAULTS = {name: tuple(p.default for p in found.effect.parameters) for name, found in EFFECTS.items()}
+DEFAULTS = {name: tuple(p.default for p in found.parameters) for name, found in EFFECTS.items()}
 
 
 def model_with(system, kinetics, names):
@@ -79,7 +79,7 @@ ROWS = module_input(np.arange(0.0, 8.0, 0.05), 8.0 * np.sin(np.arange(0.0, 8.0, 
 @pytest.mark.parametrize('source', [COMMAND, LINES, ROWS], ids=['held', 'lines', 'rows'])
 @pytest.mark.parametrize('acting', [(), ('gravity', 'driver_lag'), ('smooth_transformation',)], ids=len)
 def test_models_that_differ_in_what_sensors_show_share_a_run(acting, source, kinetics):
-    names = [name for name, found in EFFECTS.items() if found.effect.only_shows]
+    names = [name for name, found in EFFECTS.items() if found.only_shows]
     assert sorted(names) == sorted(SHOWING)
     models = [model_with('module', kinetics, acting), *(model_with('module', kinetics, (*acting, one)) for one in names)]
     arguments = (source, TIMES, models[0].structure.channels[:5], 100_000)

@@ -30,7 +30,7 @@ from sma_sim.solver.simulate import new_run, new_work, stall_step
 from sma_sim.solver.stepper import Segment
 from sma_sim.solver.wire_columns import heating_of_wire, strains_from_pose
 
-MOVING = sorted(name for name, found in package_structures().items() if found.structure.coordinates)
+MOVING = sorted(name for name, found in package_structures().items() if found.coordinates)
 
 
 def moved_state(model, seed=1, size=0.3):
@@ -83,7 +83,7 @@ def test_forces_on_coordinates_are_the_work_of_the_wires(name):
 @pytest.mark.parametrize('name', sorted(package_structures()))
 def test_columns_are_found_under_their_names(name):
     """In whole rows and among sampled numbers; numbers that go up tell where each was taken from."""
-    structure = package_structures()[name].structure
+    structure = package_structures()[name]
     where, everything = sample_columns(structure), sampled_numbers(None, structure)
     whole, some = places(structure, WHOLE_ROWS), places(structure, everything)
     assert (
@@ -295,7 +295,7 @@ def test_what_lags_behind_a_sensor_has_the_size_of_what_it_shows(system):
     for coordinate in model.structure.coordinates:
         assert sizes[coordinate.name] == coordinate.sensor_size(model.structure.default_constants)
     lagging = model.scales[p.first_T + p.wires :]
-    assert len(lagging) == len(state_scales(active('sensor_lag').found.effect, model.structure)) > 0
+    assert len(lagging) == len(state_scales(active('sensor_lag').effect, model.structure)) > 0
 
 
 def test_jumps_of_fixed_steps_are_taken_once():
@@ -312,10 +312,10 @@ def test_jumps_of_fixed_steps_are_taken_once():
     assert later and all(0.4 <= jump.t <= 0.8 for jump in later)
 
 
-@pytest.mark.parametrize('name', [name for name in MOVING if package_structures()[name].structure.lengths])
+@pytest.mark.parametrize('name', [name for name in MOVING if package_structures()[name].lengths])
 def test_a_wrong_gradient_is_told_by_its_wire_and_coordinate(name):
     """Right ones pass; one that is off by a thousandth, anywhere, does not."""
-    structure = package_structures()[name].structure
+    structure = package_structures()[name]
     structure = structure.segment or structure
     constants, n = structure.default_constants, len(structure.coordinates)
     scales = np.array([coordinate.size(constants) for coordinate in structure.coordinates])
@@ -390,7 +390,7 @@ def test_an_imposed_temperature_is_among_the_samples():
 
 
 def test_an_inertia_that_cannot_be():
-    slider, lever, module = (package_structures()[name].structure for name in ('slider', 'lever', 'module'))
+    slider, lever, module = (package_structures()[name] for name in ('slider', 'lever', 'module'))
     for structure, unit in ((slider, 'kg'), (lever, 'kg m^2')):
         assert inertia_of(replace(structure, inertia=lambda p: 1e-9), structure.default_constants) == (1e-9,)
         for wrong in (0.0, -1.0, np.inf, np.nan):

@@ -93,7 +93,7 @@ def test_a_beam_that_gives_way_says_so(kinetics):
 @pytest.mark.parametrize('c', [0.0, 0.6, 1.2])
 def test_a_beam_that_softens_within_its_realistic_range_does_not_give_way(kinetics, c):
     """The moment grows with the curvature everywhere, from the root to the plate: L |kappa| < 1/sqrt(-3 b)."""
-    b = find_effects()['beam_nonlinearity'].effect.parameters[0].realistic[0]
+    b = find_effects()['beam_nonlinearity'].parameters[0].realistic[0]
     model = make_model('module', kinetics, [active('beam_nonlinearity', b=b, c=c)])
     run = simulate(model, HELD, np.linspace(0.0, 40.0, 401))
     L, U_y, alpha = model.constants.L, run['U_y_m'], run['alpha_rad']

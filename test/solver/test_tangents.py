@@ -45,7 +45,7 @@ def largest_values(effect):
 
 
 def configuration(system, kinetics, names=(), rtol=RTOL):
-    active = tuple(ActiveEffect(EFFECTS[name], largest_values(EFFECTS[name].effect)) for name in names)
+    active = tuple(ActiveEffect(EFFECTS[name], largest_values(EFFECTS[name])) for name in names)
     given = (
         {'solver.rtol': rtol, 'initial.x_M_1': 0.5, 'initial.x_M_2': 0.6} if system == 'module' else {'solver.rtol': rtol}
     )
@@ -91,7 +91,7 @@ def worst_error(family, step):
 
 def family(system, kinetics, effects=()):
     """With the first parameter of each effect among what is moved."""
-    own = tuple(f'effects.{name}.{EFFECTS[name].effect.parameters[0].name}' for name in effects)
+    own = tuple(f'effects.{name}.{EFFECTS[name].parameters[0].name}' for name in effects)
     source = COMMAND if system == 'module' else STRETCH
     return Family(configuration(system, kinetics, effects), NAMES[system] + own, source)
 
@@ -222,7 +222,7 @@ def test_isobaric_tests_have_tangents_where_the_transformation_is_gradual(effect
     times = np.linspace(0.0, 3000.0, 151)
     T = 340.0 + 150.0 * (1.0 - np.abs(times / 1500.0 - 1.0))
     values = np.column_stack([np.full(len(T), 1e8), T, np.zeros(len(T)), np.full(len(T), 298.0)])
-    structure = config.structure.structure
+    structure = config.structure
     source = Input(times, values, (True, True, False, False), structure.input_columns)
     strain = simulate(Model(config), source, times)['strain']
     run = fit_data(

@@ -23,7 +23,7 @@ from sma_sim.solver.inputs import Input
 
 def read_input_file(path: Path, config: Config, linear: bool, namespace: str | None = None) -> Input:
     """What is imposed, heating and ambient temperature, from a CSV file or a bag; `linear`: heating between rows."""
-    structure = config.structure.structure
+    structure = config.structure
     of, T_E = interface_of(structure), config.parameters['environment.T_E']
     notes: list[str] = []
     bag = None

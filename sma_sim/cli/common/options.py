@@ -55,7 +55,7 @@ def config_from(arguments: argparse.Namespace, *words: str) -> Config:
 
 def noted(config: Config) -> Config:
     """The configuration itself; a line on stderr for every active effect that has no meaning in its system."""
-    for words in idle_effects((active.found.effect for active in config.effects), config.structure.structure):
+    for words in idle_effects((active.effect for active in config.effects), config.structure):
         print(f'note: {words}', file=sys.stderr)
     warnings.filterwarnings('ignore', 'effect .* is left out', PhysicsWarning)  # what is called with it says so too
     return config

@@ -188,7 +188,7 @@ class Planner:
     """
 
     def __init__(self, config: Config, iterations: int) -> None:
-        structure, given = config.structure.structure, config.parameters
+        structure, given = config.structure, config.parameters
         edges, times = ([given['control.horizon'] * part for part in parts] for parts in (EDGES, TIMES))
         self._prediction = Prediction(Model(config), edges, times, TOLERANCE)
         known = structure.coordinate_names

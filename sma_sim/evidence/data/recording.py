@@ -21,7 +21,7 @@ from sma_sim.model.errors import PhysicsWarning, UserError
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.renamed import renamed
 from sma_sim.model.shown import Shown, listed
-from sma_sim.model.structures.discovery import KNOWN, FoundStructure, known_structures
+from sma_sim.model.structures.discovery import KNOWN, known_structures
 from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.inputs import Input, check_columns
 
@@ -46,7 +46,7 @@ class OfSystems(Mapping[str, tuple[str, ...]]):
 
 
 @lru_cache(1)  # every run of a fit asks
-def columns_of_channels(_: tuple[FoundStructure, ...]) -> dict[str, str]:
+def columns_of_channels(_: tuple[Structure, ...]) -> dict[str, str]:
     """The columns of the channels of all structures, of which those of the user's folders are given."""
     columns: dict[str, str] = {}
     for system in CHANNELS_OF:

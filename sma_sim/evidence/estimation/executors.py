@@ -46,10 +46,10 @@ class PickledConfig:
 
     def __reduce__(self) -> tuple[Any, ...]:
         config = self.config
-        files = [file for active in config.effects for file in active.found.files]
+        files = [file for active in config.effects for file in active.effect.files]
         folders = sorted({str(file.parent) for file in files})
         changed = [file.stat().st_mtime_ns for file in (*files, *config.structure.files)]
-        effects = [(active.found.effect.name, active.values) for active in config.effects]
+        effects = [(active.effect.name, active.values) for active in config.effects]
         kind = config.system, config.kinetics, folders_of(config.structure)
         return unpickled_config, (pickle.dumps((dict(config.parameters), kind, effects, folders, changed)),)
 
@@ -65,7 +65,7 @@ def unpickled_config(pickled: bytes) -> PickledConfig:
     config = Config(MappingProxyType(parameters), system, model, own_structure=own)
     if effects:
         found, names = find_effects([Path(folder) for folder in folders]), [name for name, _ in effects]
-        found = effects_on(found, names, config.structure.structure, parameters)
+        found = effects_on(found, names, config.structure, parameters)
         config = replace(config, effects=tuple(ActiveEffect(found[name], values) for name, values in effects))
     return PickledConfig(config)
 

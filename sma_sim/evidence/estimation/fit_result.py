@@ -41,7 +41,7 @@ class FitResult:
     @property
     def effects(self) -> tuple[str, ...]:
         """Names of the active effects, in the order in which they were added; not those of the nominal model."""
-        names = (active.found.effect.name for active in self.problem.config.effects)
+        names = (active.effect.name for active in self.problem.config.effects)
         return tuple(name for name in names if name not in self.problem.nominal_effects)
 
     @property
@@ -77,5 +77,5 @@ class FitResult:
     def seen_values_of(self, effect: str) -> dict[str, float]:
         """Of what shows in a recording: the rest, such as the bias of a channel that is not there, has its prior."""
         measured = {channel for run in self.problem.runs for channel in run.channels}
-        found = {one.found.effect.name: one.found.effect for one in self.problem.config.effects}[effect]
+        found = {one.effect.name: one.effect for one in self.problem.config.effects}[effect]
         return {name: value for name, value in self.values_of(effect).items() if found.is_seen(name, measured)}

@@ -90,7 +90,7 @@ def equivalences(config: Config, measured: Collection[str] = ()) -> tuple[Equiva
     """Exact equivalences of the equations (docs/explanation/calibration.md derives them); `measured`: the channels."""
     thickness = RESISTIVITY_NAMES[:2] if any(map(is_resistance, measured)) else ()  # a resistance shows resistivity/r0^2
     stress = STRESS_SCALE_NAMES + (('wire.V_L',) if config.simulated_kinetics == 'mas' else ())
-    is_straight = config.structure.structure.strain is None  # the strain of a coil is in proportion to r0
+    is_straight = config.structure.strain is None  # the strain of a coil is in proportion to r0
     together = Equivalence(
         'wire.n', ('wire.r0', 'wire.lambda', *thickness), 'n r0^2 and n r0 lambda are all that n, r0 and lambda enter by'
     )
@@ -113,9 +113,9 @@ def why_unidentifiable(name: str, config: Config, measured: Collection[str] | No
         return 'no resistance is measured'
     if name in KINETICS_NAMES and config.simulated_kinetics == 'hybrid':
         return 'the hybrid model has no kinetics'
-    if not config.structure.structure.coordinates and (name.startswith(('beam.', 'plate.')) or name == 'wire.n'):
+    if not config.structure.coordinates and (name.startswith(('beam.', 'plate.')) or name == 'wire.n'):
         return 'one wire on a test bench has no structure'
-    if name in HEAT_NAMES and config.structure.structure.imposed_temperature >= 0:
+    if name in HEAT_NAMES and config.structure.imposed_temperature >= 0:
         return 'the temperature of the wire is imposed, whatever heat it takes'
     return ''
 
@@ -126,7 +126,7 @@ def default_names(config: Config, measured: Collection[str] = ()) -> tuple[str, 
     Resistivities where `measured` has a resistance.
     """
     kinetics = ('wire.V_L',) if config.simulated_kinetics == 'mas' else ()
-    structure = config.structure.structure
+    structure = config.structure
     material = tuple(name for name in MATERIAL_NAMES if structure.imposed_temperature < 0 or name not in HEAT_NAMES)
     resistivities = RESISTIVITY_NAMES if any(map(is_resistance, measured)) else ()
     return material + kinetics + structure.fitted + resistivities
@@ -134,7 +134,7 @@ def default_names(config: Config, measured: Collection[str] = ()) -> tuple[str, 
 
 def declared_parameters(config: Config) -> dict[str, Parameter]:
     """The declarations of all parameters that a fit could change, by full name."""
-    return fitted_parameters(config.structure.structure, config.effects)
+    return fitted_parameters(config.structure, config.effects)
 
 
 def free_parameter(name: str, value: float, declared: Parameter, std: float | None = None) -> FreeParameter:
@@ -233,7 +233,7 @@ def remaining(names: Sequence[str], fixed: Sequence[FixedParameter]) -> list[str
 
 def with_nuisance_names(free: tuple[str, ...] | None, dataset: Dataset, config: Config) -> tuple[str, ...] | None:
     """The parameters to fit, with those of the bench that the model has; None, all, and (), a model as it is, stay."""
-    active = [one.found.effect.name for one in config.effects]
+    active = [one.effect.name for one in config.effects]
     declared = (f'effects.{name}.{parameter}' for name in active for parameter in dataset.nuisances.get(name, ()))
     return (*free, *declared) if free else free
 
@@ -263,9 +263,9 @@ def with_prior_std(parameter: FreeParameter, std: float) -> FreeParameter:
 def with_usual_limits(free: Sequence[FreeParameter], config: Config, material: str = '') -> tuple[FreeParameter, ...]:
     """Free parameters whose limits and priors hold what is usual of such a wire, where a value is but the default of another
     robot, which says no more of this one: the farther end of what is usual is as improbable as two standard deviations."""
-    known = material_of(config.parameters, config.structure.structure.wires, material)
+    known = material_of(config.parameters, config.structure.wires, material)
     usual = usual_ranges(known, config.parameters) if known else {}
-    defaults = config.structure.structure.default_values
+    defaults = config.structure.default_values
     found = []
     for one in free:
         if one.name in usual and config.parameters[one.name] == defaults[one.name] and one.name not in config.priors:

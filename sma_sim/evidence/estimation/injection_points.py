@@ -46,7 +46,7 @@ def ports_of(config: Config, channels: Collection[str]) -> tuple[Port, ...]:
 
     None where stress and temperature are imposed: time, over which an input is sought, says nothing there.
     """
-    structure = config.structure.structure
+    structure = config.structure
     if structure.is_quasi_static:
         return ()
     forces = () if structure.drives else force_ports(config)
@@ -55,7 +55,7 @@ def ports_of(config: Config, channels: Collection[str]) -> tuple[Port, ...]:
 
 def force_ports(config: Config) -> tuple[Port, ...]:
     """A force on every coordinate, and for the planar beam one along K q."""
-    structure = config.structure.structure
+    structure = config.structure
     ports = [force_port(config, j) for j in range(len(structure.coordinates))]
     if structure.coordinate_names == POSE:
         last = structure.coordinates[-1]
@@ -66,7 +66,7 @@ def force_ports(config: Config) -> tuple[Port, ...]:
 
 def force_port(config: Config, j: int) -> Port:
     """A generalised force on one coordinate."""
-    structure = config.structure.structure
+    structure = config.structure
     coordinate = structure.coordinates[j]
     turns = coordinate.unit == 'rad'
     name = f'{"moment" if turns else "force"}_{coordinate.name}'
@@ -79,7 +79,7 @@ def force_port(config: Config, j: int) -> Port:
 
 def small_force(config: Config, j: int) -> float:
     """A small but visible generalised force on a coordinate: a part of its spring's force, or of the wires' pull."""
-    structure, values = config.structure.structure, config.parameters
+    structure, values = config.structure, config.parameters
     constants, forces = structure.constants_of(values), structure.forces
     assert forces is not None
     pose = record('Pose', structure.coordinate_names)

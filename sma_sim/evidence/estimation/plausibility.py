@@ -21,7 +21,7 @@ from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95, Uncertainty
 from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import Config
-from sma_sim.model.effects.discovery import FoundEffect
+from sma_sim.model.effects.effect import Effect
 from sma_sim.model.materials import Range, material_of, usual_ranges
 from sma_sim.model.parameters import Parameter
 
@@ -68,7 +68,7 @@ def implausible_parameters(
     `config` has the fitted values; `material`: of the wires, a name of MATERIALS, '' where nobody has said it.
     """
     declared, found = declared_parameters(config), list[ImplausibleParameter]()
-    known = material_of(config.parameters, config.structure.structure.wires, material)
+    known = material_of(config.parameters, config.structure.wires, material)
     usual = usual_ranges(known, config.parameters) if known else {}
     for parameter, at, variance in zip(free, z[: len(free)].tolist(), np.diag(covariance).tolist(), strict=True):
         low, high, reason = plausible_range(parameter, declared[parameter.name])
@@ -105,20 +105,20 @@ def tolerated_range(parameter: Parameter) -> tuple[float, float] | None:
     return between[0] - tolerance, between[1] + tolerance
 
 
-def unrealistic(found: FoundEffect, values: Mapping[str, float]) -> list[Parameter]:
+def unrealistic(effect: Effect, values: Mapping[str, float]) -> list[Parameter]:
     """The parameters of an effect whose value (by name, of those that are given) lies beyond the realistic range."""
-    ranges = ((p, tolerated_range(p)) for p in found.effect.parameters if p.name in values)
+    ranges = ((p, tolerated_range(p)) for p in effect.parameters if p.name in values)
     return [p for p, between in ranges if between is not None and not between[0] <= values[p.name] <= between[1]]
 
 
-def is_plausible(found: FoundEffect, values: Mapping[str, float]) -> bool:
+def is_plausible(effect: Effect, values: Mapping[str, float]) -> bool:
     """Whether all values of an effect lie in the realistic ranges; but for another form of its law."""
-    return all(is_form(parameter) for parameter in unrealistic(found, values))
+    return all(is_form(parameter) for parameter in unrealistic(effect, values))
 
 
-def other_form(found: FoundEffect, values: Mapping[str, float]) -> str:
+def other_form(effect: Effect, values: Mapping[str, float]) -> str:
     """In words, with what exponent or saturation beyond its realistic range an effect acts; '' without any."""
-    return ', '.join(f'with {p.name} = {values[p.name]:.3g}' for p in unrealistic(found, values) if is_form(p))
+    return ', '.join(f'with {p.name} = {values[p.name]:.3g}' for p in unrealistic(effect, values) if is_form(p))
 
 
 def plausible_range(parameter: FreeParameter, declared: Parameter) -> tuple[float, float, str]:

@@ -9,7 +9,8 @@ from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.recordings import same_options
 from sma_sim.evidence.estimation.curve_features import CurveFeatures, curve_features, starting_values
 from sma_sim.model.config import AUTO, MODELS, Config
-from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, effects_on, find_effects
+from sma_sim.model.effects.discovery import ActiveEffect, effects_on, find_effects
+from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.meaning import acts_on
 from sma_sim.model.errors import UserError
 from sma_sim.model.nearest import suggestion
@@ -58,7 +59,7 @@ def check_systems(dataset: Dataset, config: Config) -> None:
     if not dataset.recordings:
         raise UserError('there is no recording')
     for recording in dataset.recordings:
-        if recording.system != config.structure.structure.name and not same_options(recording.system, config.system):
+        if recording.system != config.structure.name and not same_options(recording.system, config.system):
             raise UserError(
                 f'{recording.name} is a recording of a {recording.system}, the configuration says system = '
                 f'{config.system}: change it, or leave the recording out'
@@ -82,25 +83,25 @@ def with_nuisance_effects(config: Config, dataset: Dataset) -> Config:
     """
     if not dataset.nuisances:
         return config
-    active = {given.found.effect.name: given.found for given in config.effects}
-    structure, more = config.structure.structure, list[ActiveEffect]()
+    active = {given.effect.name: given.effect for given in config.effects}
+    structure, more = config.structure, list[ActiveEffect]()
     known = effects_on(find_effects(), dataset.nuisances.keys() - active, structure, config.parameters) | active
     for name, stds in dataset.nuisances.items():
         found = known.get(name)
         if found is None:
-            expected = sorted(name for name, effect in known.items() if acts_on(effect.effect, structure))
+            expected = sorted(name for name, effect in known.items() if acts_on(effect, structure))
             hint = suggestion(name, expected) or f'; expected some of {", ".join(expected)}'
             raise UserError(f'nuisances of the map: {name} is no effect on a {structure.title}{hint}')
         check_parameters(name, found, stds)
-        if name not in active and acts_on(found.effect, structure):  # a map may serve a part of its campaign
-            values = (p.default if p.neutral is None else p.neutral for p in found.effect.parameters)
+        if name not in active and acts_on(found, structure):  # a map may serve a part of its campaign
+            values = (p.default if p.neutral is None else p.neutral for p in found.parameters)
             more.append(ActiveEffect(found, tuple(values)))
     return replace(config, effects=(*config.effects, *more))
 
 
-def check_parameters(name: str, found: FoundEffect, given: Iterable[str]) -> None:
+def check_parameters(name: str, effect: Effect, given: Iterable[str]) -> None:
     """Raise UserError for parameters that the effect has not."""
-    names = [p.name for p in found.effect.parameters]
+    names = [p.name for p in effect.parameters]
     for wrong in (parameter for parameter in given if parameter not in names):
         raise UserError(f'nuisances of the map, {name}: no parameter {wrong}; expected some of {", ".join(names)}')
 
@@ -122,7 +123,7 @@ def check_kinetics(asked: str | None) -> None:
 def on_leading_bench(config: Config, dataset: Dataset) -> Config:
     """The configuration on that bench of the recordings whose model says most: with a heat balance before one without."""
     benches = dict.fromkeys(recording.system for recording in dataset.recordings)
-    if set(benches) == {config.structure.structure.name}:
+    if set(benches) == {config.structure.name}:
         return config
     return config.on_bench(min(benches, key=lambda name: known_structures()[name].imposed_temperature >= 0))
 
@@ -141,7 +142,7 @@ def started_from(curves: CurveFeatures, config: Config, is_fitted: bool = True) 
     """
     if not (curves if is_fitted else curves.isobaric):
         return config
-    defaults: Mapping[str, float] = config.structure.structure.default_values
+    defaults: Mapping[str, float] = config.structure.default_values
     own = {
         name: value
         for name, value in starting_values(curves).items()

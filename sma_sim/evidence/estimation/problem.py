@@ -236,9 +236,9 @@ def evaluate(task: EvaluationTask) -> list[Matrix | None]:
 
 def what_runs(config: Config) -> Hashable:
     """What makes the run of a configuration: all but effects that only show, unless they move the states of a sensor."""
-    effects = [active.found.effect for active in config.effects]
+    effects = [active.effect for active in config.effects]
     has_memory = any(effect.port == PORT_NAMES[SENSING] and effect.states for effect in effects)
-    acting = (active for active in config.effects if has_memory or not active.found.effect.only_shows)
+    acting = (active for active in config.effects if has_memory or not active.effect.only_shows)
     return config.simulated_kinetics, tuple(config.parameters.items()), tuple(acting)
 
 
@@ -518,7 +518,7 @@ def at_defaults(problem: Problem) -> Vector:
 
     Their shapes have several optima; from the model without them the way may lead to a worse one.
     """
-    added = [one.found.effect for one in problem.config.effects if one.found.effect.name not in problem.nominal_effects]
+    added = [one.effect for one in problem.config.effects if one.effect.name not in problem.nominal_effects]
     defaults = {f'effects.{effect.name}.{p.name}': p.default for effect in added for p in effect.parameters}
     return with_values(problem, start_point(problem), defaults)
 

@@ -234,8 +234,8 @@ def with_states(run: FitData, config: Config) -> Beginning:
     """The priors of what is left of a motion before a run, with those of the extra states of a model's effects: as far from
     their first values as their sizes, which is what they usually change by; one of copies that wires share."""
     on_bench = run.on_bench(config)
-    sizes = sizes_of_states(on_bench.effects, on_bench.structure.structure)
-    effects = {active.found.effect.name: active.found.effect for active in on_bench.effects}
+    sizes = sizes_of_states(on_bench.effects, on_bench.structure)
+    effects = {active.effect.name: active.effect for active in on_bench.effects}
     shared = [len(effects[name].states) if effects[name].scope.shared else len(own) for name, own in sizes.items()]
     states = tuple((name, own[:count]) for (name, own), count in zip(sizes.items(), shared, strict=True))
     return replace(run.beginning_std, states=states)
@@ -409,7 +409,7 @@ def predict(config: Config, recording: Recording | FitData, nuisance: Nuisance |
             )
         if nuisance.start and not (len(nuisance.start) == run.starts and all(0.0 <= part <= 1.0 for part in nuisance.start)):
             raise UserError(f'nuisance, start = {nuisance.start}: expected {run.starts} number(s) from 0 to 1, one by wire')
-    channels = run.on_bench(config).structure.structure.channels
+    channels = run.on_bench(config).structure.channels
     _, trajectory, index = simulated(config, run, nuisance, channels)
     return {name: trajectory[CHANNEL_COLUMNS[name]][index] for name in channels}
 

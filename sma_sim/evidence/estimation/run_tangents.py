@@ -61,13 +61,13 @@ def tangents_apply(config: Config, run: FitData) -> bool:
 
     A sharp transformation passes samples one by one there, between which no tangent sees it move, and differences do.
     """
-    structure = run.on_bench(config).structure.structure
+    structure = run.on_bench(config).structure
     return has_tangents(structure) or (structure.is_quasi_static and any(map(is_gradual, config.effects)))
 
 
 def is_gradual(active: ActiveEffect) -> bool:
     """Whether an effect spreads the transformation, with the values that it has."""
-    effect = active.found.effect
+    effect = active.effect
     return effect.gradual and any(
         value != p.neutral for p, value in zip(effect.parameters, active.values, strict=True) if p.neutral is not None
     )

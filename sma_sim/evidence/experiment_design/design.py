@@ -169,7 +169,7 @@ def best_plan(
     training: Dataset, hypotheses: tuple[ModelHypothesis, ...], request: DesignRequest, context: SearchContext
 ) -> Plan:
     """The design for some fitted hypotheses. Raises UserError for limits that no command keeps, and unknown names."""
-    structure = hypotheses[0].fitted.problem.config.structure.structure
+    structure = hypotheses[0].fitted.problem.config.structure
     grid, grid_origins = command_grid(training, request, structure)
     run, every = blank_run(training, grid, hypotheses[0].noise_factor)
     limits, origins = operating_limits(hypotheses, request, context.pool)
@@ -193,7 +193,7 @@ def best_plan(
 
 def check_design_request(config: Config, request: DesignRequest) -> None:
     """Raise UserError for what cannot be designed."""
-    structure = config.structure.structure
+    structure = config.structure
     if not structure.has_one_command:
         moved = ', '.join([drive.name for drive in structure.drives] + list(structure.commands))
         raise UserError(f'next designs one heating command over time; system {config.system} is moved by {moved}')

@@ -161,7 +161,7 @@ def simulate_run(config: Config, run: FitData, nuisance: Nuisance) -> SimulatedR
     """One simulation. Raises SimulationError."""
     columns = model_columns(config, run, nuisance)
     values = np.array([columns[CHANNEL_COLUMNS[name]] for name in run.channels]) * run.weight
-    suffixes = config.structure.structure.wire_suffixes
+    suffixes = config.structure.wire_suffixes
     temperature = max(columns[f'T{suffix}_K'].max() for suffix in suffixes)
     stress = max(stress.max() for stress in stresses_from_forces(config, columns).values())
     return SimulatedRun(values.ravel(), float(temperature), float(stress))

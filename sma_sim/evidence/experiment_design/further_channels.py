@@ -99,7 +99,7 @@ def further_channels(
     known better, where there is a single hypothesis. Raises SimulationError where one cannot be simulated.
     """
     config = hypotheses[0].fitted.problem.config
-    channels = config.structure.structure.channels
+    channels = config.structure.channels
     measured = {name for run in hypotheses[0].fitted.problem.runs for name in run.channels}
     noise = {name: noise_std.get(name) or config.parameters[f'check.noise_{name}'] for name in channels}
     shown = [sensed(hypothesis, noise, pool) for hypothesis in hypotheses]

@@ -113,7 +113,7 @@ def named_rivals(base: FitResult, names: Sequence[str], context: SearchContext) 
     candidates = candidates_by_name(base, context)
     for effect in (part for name in names for part in name.split('+') if name != NO_EFFECT):
         if effect not in candidates:
-            known = ', '.join(sorted({candidate.found.effect.plain_name for candidate in candidates.values()}))
+            known = ', '.join(sorted({candidate.effect.plain_name for candidate in candidates.values()}))
             raise UserError(
                 f'--between {effect}: no effect that could be missing from this model{suggestion(effect, candidates)}; '
                 f'expected {NO_EFFECT}, or some of {known}, joined by + where they act together'

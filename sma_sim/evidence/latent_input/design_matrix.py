@@ -163,7 +163,7 @@ def wire_heating(wire: int) -> str:
 def columns_at_knots(config: Config, run: FitData, nuisance: Nuisance) -> dict[str, Vector]:
     """What the model does at the knots, `run` having its samples there. Raises SimulationError."""
     columns = model_columns(config, run, nuisance)
-    wires = range(config.structure.structure.wires)
+    wires = range(config.structure.wires)
     return columns | {wire_heating(i): heating_of_wire(config, columns, i) for i in wires}
 
 
@@ -185,7 +185,7 @@ class LinearizationPoint:
 
     def problem_of_run(self, k: int) -> tuple[Problem, Vector]:
         """The problem of run k alone, its inputs active, and its part of z."""
-        structure = self.problem.config.structure.structure
+        structure = self.problem.config.structure
         inputs = [(port, u) for port, u in self.inputs[k].items() if port.hook != 'sensing']
         effects = [input_effect(port, self.grids[k], u, structure) for port, u in inputs]
         config = self.problem.config.variant(effects=(*self.problem.config.effects, *effects))

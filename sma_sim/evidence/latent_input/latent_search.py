@@ -156,7 +156,7 @@ def estimate_latent_inputs(
     t_start, request, stop = time.perf_counter(), request or LatentRequest(), Event()
     training, others = hold_out_last(dataset, held_out)
     check_data(pooled(training, others), config)
-    if config.structure.structure.is_quasi_static:
+    if config.structure.is_quasi_static:
         raise UserError(
             f'latent estimates inputs over time, which says nothing in a test with imposed stress and temperature '
             f'(system {config.system}): use sma-sim diagnose'

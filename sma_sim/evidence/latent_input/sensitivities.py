@@ -17,7 +17,9 @@ from sma_sim.evidence.estimation.residuals import FitData, Nuisance, weighted_re
 from sma_sim.evidence.latent_input.time_functions import KNOT_COUNT, time_function_effects
 from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import Config
-from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect
+from sma_sim.model.effects.conversion import effect_on
+from sma_sim.model.effects.discovery import ActiveEffect
+from sma_sim.model.effects.effect import Effect
 from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.inputs import Input, input_between
 from sma_sim.solver.model import Model
@@ -95,12 +97,12 @@ def input_effect(port: Port, grid: KnotGrid, values: Vector, structure: Structur
     return ActiveEffect(effect_at(port, structure), (*at, *values.tolist(), *beyond.tolist()))
 
 
-def effect_at(port: Port, structure: Structure) -> FoundEffect:
+def effect_at(port: Port, structure: Structure) -> Effect:
     """The effect of a port; that of a force acts in one coordinate."""
     if port.component == STIFFNESS:
-        return time_function_effects()['stiffness'].on(structure)
-    found = time_function_effects()[port.hook].on(structure)
-    return found.in_scope(found.effect.scopes[port.component]) if port.hook == 'structure_force' else found
+        return effect_on(time_function_effects()['stiffness'], structure)
+    found = effect_on(time_function_effects()[port.hook], structure)
+    return found.in_scope(found.scopes[port.component]) if port.hook == 'structure_force' else found
 
 
 @dataclass(frozen=True)
@@ -122,7 +124,7 @@ def run_segments(port: Port, config: Config, run: FitData, nuisance: Nuisance, g
 
     An input of zero acts at the port, since its effect may have states.
     """
-    nothing = input_effect(port, grid, np.zeros(len(grid.knots)), config.structure.structure)
+    nothing = input_effect(port, grid, np.zeros(len(grid.knots)), config.structure)
     config = config.variant(effects=(*config.effects, nothing))
     nominal, source = weighted_residuals(config, run, nuisance), run.source
     segments: list[RunSegment] = []
@@ -164,7 +166,7 @@ def knot_responses(task: KnotResponseTask) -> NDArray[np.float32]:
     responses = np.zeros((len(segment.knots), len(task.whole.channels), grid.bins), dtype=np.float32)
     for k, knot in enumerate(segment.knots):
         values = task.port.probe * (np.arange(len(grid.knots)) == knot)
-        effect = input_effect(task.port, grid, values, config.structure.structure)
+        effect = input_effect(task.port, grid, values, config.structure)
         try:
             residuals = weighted_residuals(config.variant(effects=(*config.effects, effect)), segment.run, task.nuisance)
         except SimulationError:

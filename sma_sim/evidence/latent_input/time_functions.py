@@ -6,14 +6,13 @@ shift of both transformation stresses are states, so that their rates enter the 
 """
 
 import math
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from sma_sim.model.effects.discovery import FoundEffect
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.parameters import Parameter
-from sma_sim.model.plugins import OWN
 from sma_sim.model.structures.structure import MAX_WIRES
 
 KNOT_COUNT = 101
@@ -76,7 +75,7 @@ def given_as_state(name: str, port: str, unit: str, scale: float, kernel: Any) -
 
 
 @cache
-def time_function_effects() -> dict[str, FoundEffect]:
+def time_function_effects() -> dict[str, Effect]:
     """The effects by the port of effects on which they act; the one along K q by ``stiffness``."""
     effects = {
         'structure_force': given_in_time(
@@ -113,4 +112,4 @@ def time_function_effects() -> dict[str, FoundEffect]:
         'wire_strain': given_as_state('strain', 'wire_strain', '-', 1e-3, lambda s, w, p, m: m.u),
         'transformation_stress': given_as_state('stress', 'transformation_stress', 'Pa', 1e6, lambda s, w, p, m: (m.u, m.u)),
     }
-    return {hook: FoundEffect(effect, (Path(__file__),), OWN) for hook, effect in effects.items()}
+    return {hook: replace(effect, files=(Path(__file__),)) for hook, effect in effects.items()}

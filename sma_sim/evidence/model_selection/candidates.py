@@ -10,9 +10,12 @@ from pathlib import Path
 
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.model.config import Config
-from sma_sim.model.effects.discovery import ActiveEffect, FoundEffect, find_effects
+from sma_sim.model.effects.conversion import effect_on
+from sma_sim.model.effects.discovery import ActiveEffect, find_effects
+from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.meaning import is_tried
 from sma_sim.model.parameters import Parameter
+from sma_sim.model.renamed import renamed
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,18 +31,19 @@ class Probe:
     shape: Mapping[str, float]
 
 
+@renamed(found='effect')
 @dataclass(frozen=True)
 class Candidate:
     """An effect to try. `families` hold the probes that share a shape: all strengths, up and down; all is in the middle in
     the middle one."""
 
-    found: FoundEffect
+    effect: Effect
     families: tuple[tuple[Probe, ...], ...]
 
     @property
     def name(self) -> str:
         """Name of the effect."""
-        return self.found.effect.name
+        return self.effect.name
 
     @property
     def probes(self) -> Iterator[Probe]:
@@ -48,7 +52,7 @@ class Candidate:
 
     def largest(self, probe: Probe) -> float:
         """How many steps of a probe its parameter is realistic; at least one."""
-        (parameter,) = (one for one in self.found.effect.parameters if one.name == probe.parameter)
+        (parameter,) = (one for one in self.effect.parameters if one.name == probe.parameter)
         low, high = parameter.realistic or parameter.bounds
         return max(1.0, ((high if probe.step > 0.0 else low) - probe.neutral) / probe.step)
 
@@ -59,53 +63,53 @@ def candidates_for(config: Config, folders: Iterable[Path] = ()) -> tuple[Candid
     Effects that are active already, in whatever scope, that have no meaning in the system or are not looked for there,
     or that have no neutral value, are none.
     """
-    active = {effect.found.effect.plain_name for effect in config.effects}
+    active = {effect.effect.plain_name for effect in config.effects}
     missing = (found for name, found in sorted(find_effects(folders).items()) if name not in active)
-    structure = config.structure.structure
-    acting = (found.on(structure, config.parameters) for found in missing if is_tried(found.effect, structure))
+    structure = config.structure
+    acting = (effect_on(found, structure, config.parameters) for found in missing if is_tried(found, structure))
     candidates = (candidate_of(found, structure.is_quasi_static) for found in acting)
     return tuple(candidate for candidate in candidates if candidate.families)
 
 
-def candidate_of(found: FoundEffect, every_shape: bool = False) -> Candidate:
+def candidate_of(effect: Effect, every_shape: bool = False) -> Candidate:
     """All probes of one effect; `every_shape`: with all combinations of its shapes, where runs cost little."""
-    shapes = [p for p in found.effect.parameters if p.neutral is None]
+    shapes = [p for p in effect.parameters if p.neutral is None]
     if not every_shape:
-        return candidate_at(found, shape_grid(shapes))
+        return candidate_at(effect, shape_grid(shapes))
     names = [p.name for p in shapes]
-    return candidate_at(found, [dict(zip(names, values, strict=True)) for values in product(*map(shape_values, shapes))])
+    return candidate_at(effect, [dict(zip(names, values, strict=True)) for values in product(*map(shape_values, shapes))])
 
 
 def candidate_at(
-    found: FoundEffect, shapes: Iterable[Mapping[str, float]], probed: Iterable[Parameter] | None = None
+    effect: Effect, shapes: Iterable[Mapping[str, float]], probed: Iterable[Parameter] | None = None
 ) -> Candidate:
     """The probes of one effect, a family for each set of values of its shapes; of the parameters `probed` (default: all).
 
     With the shapes in the middle there is a family for each size of the strengths: what a fitted delay absorbs of a lag is
     linear in it, and what it leaves is not.
     """
-    strengths = [p for p in (found.effect.parameters if probed is None else probed) if p.neutral is not None]
+    strengths = [p for p in (effect.parameters if probed is None else probed) if p.neutral is not None]
     every, families = list(shapes), list[tuple[Probe, ...]]()
     for k, shape in enumerate(every):
         fractions = CRITERIA.fractions if k == len(every) // 2 else CRITERIA.fractions[1:2]
         sizes = dict.fromkeys(tuple((p, step) for p in strengths for step in steps_of(p, part)) for part in fractions)
         families += [tuple(Probe(p.name, float(p.neutral or 0.0), step, shape) for p, step in size) for size in sizes]
-    return Candidate(found, tuple(family for family in families if family))
+    return Candidate(effect, tuple(family for family in families if family))
 
 
-def instants_of(found: FoundEffect) -> list[str]:
+def instants_of(effect: Effect) -> list[str]:
     """The parameters of an effect that are instants of a recording."""
-    return [p.name for p in found.effect.parameters if p.quantity == 'instant']
+    return [p.name for p in effect.parameters if p.quantity == 'instant']
 
 
 def at_instants(candidate: Candidate, instants: Sequence[float]) -> Candidate:
     """A candidate that is probed at these instants [s], its other shapes in the middle; itself where it has no instant."""
-    names = instants_of(candidate.found)
+    names = instants_of(candidate.effect)
     if not names:
         return candidate
-    grid = shape_grid([p for p in candidate.found.effect.parameters if p.neutral is None])
+    grid = shape_grid([p for p in candidate.effect.parameters if p.neutral is None])
     centre = grid[len(grid) // 2]
-    return candidate_at(candidate.found, [centre | dict.fromkeys(names, instant) for instant in instants])
+    return candidate_at(candidate.effect, [centre | dict.fromkeys(names, instant) for instant in instants])
 
 
 def shape_grid(shapes: Sequence[Parameter]) -> list[dict[str, float]]:
@@ -149,20 +153,20 @@ def interpolated(low: float, high: float, fraction: float) -> float:
     return low + fraction * (high - low)
 
 
-def with_effect(config: Config, found: FoundEffect, values: Mapping[str, float]) -> Config:
+def with_effect(config: Config, effect: Effect, values: Mapping[str, float]) -> Config:
     """The configuration with one more active effect: at `values`, its other parameters neutral, or at their defaults.
 
     Of one that is active, with one in another form, what it has already stays as it is.
     """
-    law = law_of(found, config.effects)
+    law = law_of(effect, config.effects)
     known = {**(law.by_short_name if law else {}), **values}
-    at = tuple(known.get(p.name, p.default if p.neutral is None else p.neutral) for p in found.effect.parameters)
+    at = tuple(known.get(p.name, p.default if p.neutral is None else p.neutral) for p in effect.parameters)
     others = tuple(one for one in config.effects if one is not law)
-    return config.variant(effects=(*others, ActiveEffect(found, at)))
+    return config.variant(effects=(*others, ActiveEffect(effect, at)))
 
 
-def law_of(found: FoundEffect, active: Iterable[ActiveEffect]) -> ActiveEffect | None:
+def law_of(effect: Effect, active: Iterable[ActiveEffect]) -> ActiveEffect | None:
     """Of active effects the one of which an effect is another form."""
-    if not found.effect.scope.field:
+    if not effect.scope.field:
         return None
-    return next((one for one in active if one.found.effect.plain_name == found.effect.plain_name), None)
+    return next((one for one in active if one.effect.plain_name == effect.plain_name), None)

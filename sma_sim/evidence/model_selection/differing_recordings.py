@@ -65,7 +65,7 @@ def promises(problem: Problem, z: Vector, context: SearchContext) -> dict[Record
 def promised_zeros(problem: Problem, project: Projection) -> dict[RecordingDifference, float]:
     """What the zeros of the channel that promises most would take from the squares, and those of all channels that promise
     to raise the score, each beside those before: who sets one sensor to zero between recordings may do so with all."""
-    structure = problem.config.structure.structure
+    structure = problem.config.structure
     sizes = dict(zip(structure.channels, channel_scales(structure), strict=True))
     known = {name for run in problem.runs for name, std in zip(run.channels, run.zero_std, strict=False) if std > 0.0}
     stds = {name: ZERO_PART * sizes[name] for run in problem.runs for name in run.channels if name not in known}

@@ -16,8 +16,8 @@ from sma_sim.model.arrays import Vector
 
 def with_candidate(base: FitResult, screened: ScreeningResult) -> tuple[Problem, Vector]:
     """The problem with one more effect, and where to start: the fit without it and what the screening found."""
-    problem, effect = base.problem, screened.candidate.found.effect
-    config = with_effect(problem.config, screened.candidate.found, {})
+    problem, effect = base.problem, screened.candidate.effect
+    config = with_effect(problem.config, screened.candidate.effect, {})
     declared, neutral, at = declared_parameters(config), config.values, len(problem.free)
     start = {
         f'effects.{effect.name}.{p.name}': screened.values[p.name] for p in effect.parameters if p.name in screened.values
@@ -32,7 +32,7 @@ def without_effect(fit: FitResult, effect: str) -> tuple[Problem, Vector]:
     """The problem without one of its effects, and the rest of z as it was."""
     problem, prefix = fit.problem, f'effects.{effect}.'
     kept = [k for k, p in enumerate(problem.free) if not p.name.startswith(prefix)]
-    fewer = tuple(active for active in problem.config.effects if active.found.effect.name != effect)
+    fewer = tuple(active for active in problem.config.effects if active.effect.name != effect)
     kept_free, shared = tuple(problem.free[k] for k in kept), np.arange(len(problem.free), len(problem.shared))
     smaller = replace(problem, config=replace(problem.config, effects=fewer), free=kept_free)
     return smaller, np.concatenate([fit.z[[*kept, *shared]], own_values(problem, fit.z, smaller)])

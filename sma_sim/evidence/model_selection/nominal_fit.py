@@ -85,7 +85,7 @@ def nominal_fits(start: PreparedFit, options: FitOptions, context: SearchContext
 def nominal_fit_of(start: PreparedFit, options: FitOptions, context: SearchContext) -> FitResult:
     """One of them; what is active from the start is no finding."""
     best = multistart_search(start, options, context, NOMINAL_MODEL)
-    given = tuple(active.found.effect.name for active in start.config.effects)
+    given = tuple(active.effect.name for active in start.config.effects)
     return replace(best, problem=replace(best.problem, nominal_effects=given))
 
 
@@ -101,7 +101,7 @@ def report_model(kind: str, fit: FitResult, context: SearchContext) -> None:
 
 def with_temperature_gradient(config: Config) -> Config:
     """The configuration of a specimen whose temperature may differ from end to end; itself where one is active already."""
-    if any(given.found.effect.name == GRADIENT for given in config.effects):
+    if any(given.effect.name == GRADIENT for given in config.effects):
         return config
-    found = effects_on(find_effects(), [GRADIENT], config.structure.structure, config.parameters)[GRADIENT]
-    return with_effect(config, found, {p.name: p.default for p in found.effect.parameters})
+    found = effects_on(find_effects(), [GRADIENT], config.structure, config.parameters)[GRADIENT]
+    return with_effect(config, found, {p.name: p.default for p in found.parameters})

@@ -87,8 +87,8 @@ class ScoreTests:
         law = self._laws_beyond(rest)
 
         def responses(some: Sequence[Candidate]) -> Mapping[Probe, Vector]:
-            alike = [one for one in some if one.found.effect.plain_name in law]
-            others = [one for one in some if one.found.effect.plain_name not in law]
+            alike = [one for one in some if one.effect.plain_name in law]
+            others = [one for one in some if one.effect.plain_name not in law]
             return {**self.responses(others), **probe_all(rest, z, alike, linear, self._pool)}
 
         return tuple(one for one in ranked(rest, linear, candidates, responses) if one.gain > 0.0)
@@ -116,12 +116,12 @@ class ScoreTests:
             gain = 0.0 if left is None else float(left @ project.residuals) ** 2 / float(left @ left)
             if gain >= worth:
                 break
-        others = [one for one in candidates if one.found.effect.plain_name not in law]
+        others = [one for one in candidates if one.effect.plain_name not in law]
         return tuple(one for one in ranked(damped, linear, others, self.responses) if one.gain > 0.0), gain
 
     def _laws_beyond(self, rest: Problem) -> set[str]:
         """Names, without their scopes, of the effects that a problem lacks."""
-        return {one.found.effect.plain_name for one in self._problem.config.effects if one not in rest.config.effects}
+        return {one.effect.plain_name for one in self._problem.config.effects if one not in rest.config.effects}
 
     def _within(self, rest: Problem) -> list[LinearizedRun]:
         """The fit linearised in the unknowns of the problem without one of its effects."""
@@ -135,9 +135,9 @@ class ScoreTests:
     def _to_neutral(self, rest: Problem) -> dict[int, float]:
         """By index in z, from where to where the strengths of what a problem lacks would have to go to act no more."""
         neutral = {
-            f'effects.{one.found.effect.name}.{p.name}': p.neutral
+            f'effects.{one.effect.name}.{p.name}': p.neutral
             for one in self._problem.config.effects if one not in rest.config.effects
-            for p in one.found.effect.parameters if p.neutral is not None
+            for p in one.effect.parameters if p.neutral is not None
         }  # fmt: skip
         free = enumerate(self._problem.free)
         return {k: one.coordinate(neutral[one.name]) - float(self._z[k]) for k, one in free if one.name in neutral}
@@ -164,7 +164,7 @@ def ranked(
     responses: Callable[[Sequence[Candidate]], Mapping[Probe, Vector]],
 ) -> tuple[ScreeningResult, ...]:
     """The candidates by gain, the largest first, from the `responses` to their probes."""
-    if any(instants_of(candidate.found) for candidate in candidates):
+    if any(instants_of(candidate.effect) for candidate in candidates):
         instants = change_points(problem, linear)
         candidates = [at_instants(candidate, instants) for candidate in candidates]
     project = Projection(linear, len(problem.unknowns), problem.tempering)
@@ -174,7 +174,7 @@ def ranked(
         return [score_test(candidate, shown, project) for candidate in some]
 
     found = tested(candidates)
-    weak = {k: Candidate(one.candidate.found, (family,)) for k, one in enumerate(found) if (family := nearer_probes(one))}
+    weak = {k: Candidate(one.candidate.effect, (family,)) for k, one in enumerate(found) if (family := nearer_probes(one))}
     for k, again in zip(weak, tested(list(weak.values())), strict=True):
         lines = (*found[k].lines, *again.lines)
         best = again if again.gain > found[k].gain else found[k]
@@ -223,10 +223,10 @@ def probe_all(
         (candidate, probe)
         for candidate in candidates
         for probe in candidate.probes
-        if probe not in sums and candidate.found.effect.is_seen(probe.parameter, measured)
+        if probe not in sums and candidate.effect.is_seen(probe.parameter, measured)
     ]
     values = [{**probe.shape, probe.parameter: probe.neutral + probe.step} for _, probe in probes]
-    configs = [with_effect(config, one.found, at) for (one, _), at in zip(probes, values, strict=True)]
+    configs = [with_effect(config, one.effect, at) for (one, _), at in zip(probes, values, strict=True)]
     base = [run.residuals for run in linear]
     changes = [change_of(shown, base) for shown in residuals_under(nearby, z, configs, pool)]
     found = {probe: change for (_, probe), change in zip(probes, changes, strict=True) if change is not None}
@@ -239,7 +239,7 @@ def in_each_wire(candidates: Sequence[Candidate]) -> dict[Probe, list[Probe]]:
     candidates."""
     alike = defaultdict[tuple[int, Hashable], dict[int, list[Probe]]](dict)
     for candidate in candidates:
-        effect, scope = candidate.found.effect, candidate.found.effect.scope
+        effect, scope = candidate.effect, candidate.effect.scope
         if not scope.name or (scope.wire != EVERY and not scope.field):
             for probe in candidate.probes:
                 same = effect.plain_name, probe.parameter, probe.step, tuple(sorted(probe.shape.items()))

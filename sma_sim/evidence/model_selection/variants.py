@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from sma_sim.compiler.fields_read import can_share, fields_read, forms_of_law
 from sma_sim.evidence.model_selection.candidates import Candidate, candidate_at, candidate_of, shape_grid
-from sma_sim.model.effects.discovery import FoundEffect
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.meaning import POSE, acting_coordinates
 from sma_sim.model.effects.ports import State
@@ -34,17 +33,16 @@ def variants_of(candidates: Iterable[Candidate], channels: Iterable[str]) -> tup
     """The variants of all candidates on a structure, of which `channels` are measured."""
     measured = set(channels)
     return tuple(
-        candidate_of(candidate.found.in_scope(scope))
+        candidate_of(candidate.effect.in_scope(scope))
         for candidate in candidates
-        for scope in scopes_of(candidate.found)
+        for scope in scopes_of(candidate.effect)
         if not scope.channel or scope.channel in measured
     )
 
 
 @cache
-def scopes_of(found: FoundEffect) -> tuple[Scope, ...]:
+def scopes_of(effect: Effect) -> tuple[Scope, ...]:
     """The scopes in which an effect is something else than by its own parameters."""
-    effect = found.effect
     return () if effect.scope.name else tuple(scope for scope in effect.scopes if differs(effect, scope))
 
 
@@ -90,21 +88,21 @@ def forces_by_parameter(effect: Effect, mask: tuple[float, ...]) -> Mapping[str,
         return np.asarray(kernel(state, constants, SimpleNamespace(**values), *given), dtype=float)
 
     without = forces(neutral)
-    probes = chain(*candidate_of(FoundEffect(effect, (), ())).families[:1])
+    probes = chain(*candidate_of(effect).families[:1])
     return {one.parameter: forces({**neutral, one.parameter: one.neutral + one.step}) != without for one in probes}
 
 
-def forms_of(found: FoundEffect) -> tuple[Candidate, ...]:
+def forms_of(effect: Effect) -> tuple[Candidate, ...]:
     """The other forms of the law of an active effect, each probed beside it as it is; none of one in another form.
 
     Only in the speed: how friction builds up with it is a regularisation, not physics. That of guides in another function of
     the force would be that of joints, and of what transforms or heats a wire other laws are listed.
     """
-    effect, made = found.effect, list[Candidate]()
+    made = list[Candidate]()
     for form in forms_of_law(effect):
         if form.field not in SPEEDS or form != effect.scope.of(form.field):
             continue
-        other = found.in_scope(form)
-        own = other.effect.parameters[len(effect.parameters) :]
+        other = effect.in_scope(form)
+        own = other.parameters[len(effect.parameters) :]
         made.append(candidate_at(other, shape_grid([p for p in own if p.neutral is None]), own))
     return tuple(made)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from math import exp
 from pathlib import Path
@@ -18,7 +18,7 @@ from sma_sim.evidence.model_selection.candidates import (
     with_effect,
 )
 from sma_sim.model.config import Config
-from sma_sim.model.effects.discovery import FoundEffect
+from sma_sim.model.effects.conversion import effect_on
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.parameters import Parameter
 
@@ -70,7 +70,7 @@ class Cause:
     def values(self, config: Config, amounts: Mapping[str, float]) -> dict[str, float]:
         """The parameters of a configuration after the change, by full name (SI), within bounds; `amounts`: from neutral."""
         if self.candidate is not None:
-            shape, declared = middle_of(self.candidate)[0].shape, self.candidate.found.effect.parameters
+            shape, declared = middle_of(self.candidate)[0].shape, self.candidate.effect.parameters
             values = {p.name: shape.get(p.name, float(p.neutral or 0.0)) + amounts.get(p.name, 0.0) for p in declared}
             within = {p.name: min(max(values[p.name], p.bounds[0]), p.bounds[1]) for p in declared}
             return {f'effects.{self.name}.{name}': value for name, value in within.items()}
@@ -83,7 +83,7 @@ class Cause:
         values = self.values(config, amounts)
         if self.candidate is None:
             return config.variant(values)
-        return with_effect(config, self.candidate.found, {name.rpartition('.')[2]: v for name, v in values.items()})
+        return with_effect(config, self.candidate.effect, {name.rpartition('.')[2]: v for name, v in values.items()})
 
     def ambient(self, amounts: Mapping[str, float]) -> float:
         """By how much the ambient temperature is another one than was said [K]."""
@@ -97,11 +97,11 @@ def causes_for(config: Config, folders: Iterable[Path] = ()) -> tuple[Cause, ...
     instant of its own.
     """
     candidates = list(candidates_for(config, folders))
-    structure = config.structure.structure
-    lost = FoundEffect(LOST_WIRES, (Path(__file__),), (__package__ or '',))
+    structure = config.structure
+    lost = replace(LOST_WIRES, files=(Path(__file__),))
     if structure.coordinates:
-        candidates.append(candidate_of(lost.on(structure, config.parameters)))
-    beginning = [one for one in candidates if instants_of(one.found)]
+        candidates.append(candidate_of(effect_on(lost, structure, config.parameters)))
+    beginning = [one for one in candidates if instants_of(one.effect)]
     constant = {name for one in beginning for name in constant_kin(one, candidates)}
     causes = [effect_cause(one) for one in candidates if one.name not in constant]
     if COOLING in config.parameters:
@@ -112,14 +112,14 @@ def causes_for(config: Config, folders: Iterable[Path] = ()) -> tuple[Cause, ...
 
 def constant_kin(beginning: Candidate, candidates: Sequence[Candidate]) -> list[str]:
     """The effects that differ from one which begins at an instant in that they are always there."""
-    effect = beginning.found.effect
+    effect = beginning.effect
     return [
         one.name
         for one in candidates
         if one.name in effect.confused_with
-        and one.found.effect.order == effect.order
-        and not instants_of(one.found)
-        and not uses_time(one.found.effect)
+        and one.effect.order == effect.order
+        and not instants_of(one.effect)
+        and not uses_time(one.effect)
     ]
 
 
@@ -128,13 +128,13 @@ def effect_cause(candidate: Candidate) -> Cause:
     steps: dict[str, tuple[float, ...]] = {}
     for probe in middle_of(candidate):
         steps[probe.parameter] = (*steps.get(probe.parameter, ()), probe.step)
-    return Cause(candidate.name, candidate.found.effect.phrase, steps, candidate)
+    return Cause(candidate.name, candidate.effect.phrase, steps, candidate)
 
 
 def middle_of(candidate: Candidate) -> tuple[Probe, ...]:
     """The probes of an effect with the middle of its shapes."""
     family = candidate.families[len(candidate.families) // 2]
-    now = dict.fromkeys(instants_of(candidate.found), 0.0)
+    now = dict.fromkeys(instants_of(candidate.effect), 0.0)
     return tuple(Probe(one.parameter, one.neutral, one.step, {**one.shape, **now}) for one in family)
 
 

@@ -323,8 +323,8 @@ def places_of_states(model: Model) -> tuple[dict[str, int], dict[str, int]]:
     """By effect of a model that has states of its own, where these begin, and how many they are."""
     active, structure = model.config.effects, model.structure
     first = len(model.scales) - len(model.effects[1])
-    order = layout(tuple(one.found for one in active), model.config.structure, first)
-    names = [active[k].found.effect for k in order.order]
+    order = layout(tuple(one.effect for one in active), model.config.structure, first)
+    names = [active[k].effect for k in order.order]
     sizes = {effect.name: len(state_scales(effect, structure)) for effect in names}
     starts = {effect.name: int(at) for effect, at in zip(names, order.fields['state_start'], strict=True)}
     return {name: at for name, at in starts.items() if sizes[name]}, sizes

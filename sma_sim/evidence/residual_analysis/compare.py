@@ -92,7 +92,7 @@ class Comparison(Shown, Saved):
     @property
     def channels(self) -> tuple[str, ...]:
         """Channels that any run has, in the order of the file contract."""
-        return tuple(in_order({name for run in self.runs for name in run.measured}, self.config.structure.structure.name))
+        return tuple(in_order({name for run in self.runs for name in run.measured}, self.config.structure.name))
 
     @property
     def errors(self) -> Mapping[str, float]:

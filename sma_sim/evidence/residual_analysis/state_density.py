@@ -53,7 +53,7 @@ def changing_states(comparison: Comparison) -> Sequence[tuple[str, Vector]]:
             (f'strain of {wire} [%]', f'strain{suffix}', 100.0, 0.0),
             (f'x_M of {wire} [-]', f'x_M{suffix}', 1.0, 0.0),
         ]
-    for name in comparison.config.structure.structure.commands:
+    for name in comparison.config.structure.commands:
         columns.append(('power J [W]' if name == 'J' else f'{name} [W]', f'{name}_W', 1.0, 0.0))
     joined = [
         (label, factor * np.concatenate([run.states[name] for run in comparison.runs]) + offset)

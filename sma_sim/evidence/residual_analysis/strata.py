@@ -63,7 +63,7 @@ def dimensions(comparison: Comparison) -> tuple[Dimension, ...]:
     """All ways to sort the samples of a comparison that have more than one class."""
     runs = comparison.runs
     found = [way for suffix, wire in wires_of(comparison.config).items() for way in wire_dimensions(runs, suffix, wire)]
-    structure = comparison.config.structure.structure
+    structure = comparison.config.structure
     if comparison.config.system == 'module':
         found += module_dimensions(runs)
     else:

@@ -18,7 +18,7 @@ RESTING = 0  # the number of the class beside modes 1 to 5
 
 def wires_of(config: Config) -> dict[str, str]:
     """The wires by the suffix of their columns."""
-    suffixes = config.structure.structure.wire_suffixes
+    suffixes = config.structure.wire_suffixes
     return {suffix: f'wire {suffix[1:]}' if suffix else 'the wire' for suffix in suffixes}
 
 
@@ -28,7 +28,7 @@ def with_derived_states(
     """The columns (k,), and for each wire (suffix s): ``strain{s}`` [-], ``dT{s}`` [K/s], ``deps{s}`` [1/s], and
     ``class{s}``: its mode, or RESTING where nothing of it moves. `run_config` is on the bench of the run."""
     found = dict(columns)
-    if run_config.structure.structure.coordinates:
+    if run_config.structure.coordinates:
         found |= strains_from_pose(run_config, columns)
     for suffix in wires_of(config):
         dT, deps = rate_of_change(time, found[f'T{suffix}_K']), rate_of_change(time, found[f'strain{suffix}'])

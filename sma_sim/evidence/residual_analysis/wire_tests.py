@@ -52,7 +52,7 @@ class Characterization:
 
 def characterization(comparison: Comparison) -> Characterization:
     """The tests of a wire among the runs of a comparison; empty for another structure."""
-    if comparison.config.structure.structure.original != 'wire':
+    if comparison.config.structure.original != 'wire':
         return Characterization((), ())
     isobaric = evaluated(comparison.runs, 'strain', isobaric_curve)
     isothermal = evaluated(comparison.runs, 'stress', isothermal_curve)

@@ -70,13 +70,13 @@ class Component:
     @property
     def uses_time(self) -> bool:
         """Whether it is an effect that depends on the time, not on the robot's states alone."""
-        return not isinstance(self.start, RecordingDifference) and uses_time(self.start.candidate.found.effect)
+        return not isinstance(self.start, RecordingDifference) and uses_time(self.start.candidate.effect)
 
     def is_absent(self, fit: FitResult) -> bool:
         """Whether all that makes it act ended at its neutral value, a bound: the model without it stands for this."""
         if isinstance(self.start, RecordingDifference):
             return False
-        prefix, parameters = f'effects.{self.effect}.', self.start.candidate.found.effect.parameters
+        prefix, parameters = f'effects.{self.effect}.', self.start.candidate.effect.parameters
         neutral = {prefix + p.name: float(p.neutral) for p in parameters if p.neutral is not None}
         fitted = zip(fit.problem.free, fit.z.tolist(), strict=False)
         away = [abs(z - free.coordinate(neutral[free.name])) for free, z in fitted if free.name in neutral]
@@ -104,22 +104,22 @@ class Catalogue:
 
     def log_prior(self, candidate: Candidate) -> float:
         """Of one effect, or of it in one of its scopes."""
-        plain = candidate.found.effect.plain_name
-        scopes = sum(other.found.effect.plain_name == plain for other in self.variants)
-        share = log(max(1, scopes)) if candidate.found.effect.scope.name else 0.0
+        plain = candidate.effect.plain_name
+        scopes = sum(other.effect.plain_name == plain for other in self.variants)
+        share = log(max(1, scopes)) if candidate.effect.scope.name else 0.0
         return -SPARSITY - log(len(self.effects)) - share
 
     def form(self, screened: ScreeningResult, law: Component, forms: int, fit: FitResult) -> Component:
         """Another form of the law of a component, one of so many `forms`, from its fitted values; no list has it."""
-        found = screened.candidate.found
-        own = {p.name: float(p.neutral) for p in found.effect.parameters if p.neutral is not None}
+        found = screened.candidate.effect
+        own = {p.name: float(p.neutral) for p in found.parameters if p.neutral is not None}
         values = own | fit.values_of(law.effect) | dict(screened.values)
         log_prior = -SPARSITY - UNLISTED - log(len(self.effects)) - log(forms)
-        return Component(found.effect.name, log_prior, replace(screened, values=values))
+        return Component(found.name, log_prior, replace(screened, values=values))
 
     def component(self, screened: ScreeningResult) -> Component:
         """A candidate with the values that a score test has found; all its parameters are fitted, whatever that has seen."""
-        parameters = screened.candidate.found.effect.parameters
+        parameters = screened.candidate.effect.parameters
         values = {p.name: p.default if p.neutral is None else float(p.neutral) for p in parameters} | dict(screened.values)
         return Component(screened.candidate.name, self.log_prior(screened.candidate), replace(screened, values=values))
 
@@ -129,7 +129,7 @@ def catalogue_for(nominal: FitResult, context: SearchContext) -> Catalogue:
     effects = candidates_for(nominal.problem.config, context.folders)
     if not any(is_powered(run.source) for run in nominal.problem.runs):
         # what is imposed without a driver stands in the rows that are measured, by the same clock
-        found = ((one, one.found.effect) for one in effects)
+        found = ((one, one.effect) for one in effects)
         effects = tuple(one for one, effect in found if effect.port != PORT_NAMES[ACTUATION] and effect.clock is None)
     channels = {name for run in nominal.problem.runs for name in run.channels}
     return Catalogue(effects, variants_of(effects, channels) if context.variants else ())

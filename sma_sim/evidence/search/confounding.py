@@ -47,7 +47,7 @@ def confoundings(step: SelectionStep, pool: Executor) -> tuple[Confounding, ...]
         if other.name in accepted.indistinguishable:
             second = response(other.fit, pool)
             rms_difference = float(np.sqrt(np.mean((first - second) ** 2)))
-            known = accepted.name in other.found.effect.confused_with or other.name in accepted.found.effect.confused_with
+            known = accepted.name in other.effect.confused_with or other.name in accepted.effect.confused_with
             found.append(Confounding(other.name, cosine(first - base, second - base), rms_difference, known))
     return tuple(found)
 
@@ -63,7 +63,7 @@ class SimilarEffect:
 def most_similar(fit: FitResult, first: SelectionStep, pool: Executor) -> SimilarEffect | None:
     """Of the candidates of a step, the one with the signature that is most like that of a fit to the same runs."""
     base, proposed = response(first.base, pool), response(fit, pool)
-    others = [(candidate.found.effect, response(candidate.fit, pool)) for candidate in first.candidate_fits]
+    others = [(candidate.effect, response(candidate.fit, pool)) for candidate in first.candidate_fits]
     found = [
         SimilarEffect(effect, cosine(proposed - base, other - base))
         for effect, other in others

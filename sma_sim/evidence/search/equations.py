@@ -140,7 +140,7 @@ def names_beside(model: Model) -> frozenset[str]:
 def formula_of(model: Model) -> Formula:
     """The terms of a model with their fitted values, those of one place."""
     terms = [(one.term, one.effect) for one in model.components if one.term is not None]
-    structure = model.fit.problem.config.structure.structure
+    structure = model.fit.problem.config.structure
     return Formula(tuple(as_fitted(term, effect, model.fit) for term, effect in terms), structure)
 
 

@@ -73,7 +73,7 @@ def in_place(
 
 def allowed(catalogue: Catalogue, taken: Collection[str]) -> list[Candidate]:
     """The candidates but those of some effects."""
-    return [one for one in catalogue.candidates if one.found.effect.plain_name not in taken]
+    return [one for one in catalogue.candidates if one.effect.plain_name not in taken]
 
 
 def of_effects(screened: Iterable[ScreeningResult], catalogue: Catalogue) -> list[Proposal]:
@@ -90,7 +90,7 @@ def stepped(
     """Components a finite step away from neutral, of those that a score test has passed over."""
     return [
         catalogue.component(at_finite_step(one)) for one in candidates
-        if one.name not in tried and one.found.effect.plain_name not in taken
+        if one.name not in tried and one.effect.plain_name not in taken
     ]  # fmt: skip
 
 
@@ -136,14 +136,14 @@ def terms(base: FitResult, context: SearchContext, timed: bool = True, first: Co
     promises = [0.5 * k**2 * fit.error_reduction + log_prior for fit, log_prior in zip(fits, priors, strict=True)]
     best = sorted(zip(promises, priors, fits, strict=True), key=lambda one: -one[0])[:SKETCHED_TERMS]
     return promising(
-        Proposal(Component(Formula((fit,), structure.structure).name, log_prior, candidate, fit), promise)
+        Proposal(Component(Formula((fit,), structure).name, log_prior, candidate, fit), promise)
         for promise, log_prior, fit in best for candidate in (as_candidate(fit, structure, int(known is not None)),)
     )  # fmt: skip
 
 
 def forms(model: Model, catalogue: Catalogue, context: SearchContext) -> list[tuple[Component, Component]]:
     """Of the listed effects of a model, each with another form of its law that may stand in place of it, the best first."""
-    active = {one.found.effect.name: one.found for one in model.fit.config.effects}
+    active = {one.effect.name: one.effect for one in model.fit.config.effects}
     laws = [one for one in model.components if one.effect and not one.is_formula]
     candidates = {law.name: forms_of(active[law.effect]) for law in laws}
     every = [one for some in candidates.values() for one in some]
@@ -153,7 +153,7 @@ def forms(model: Model, catalogue: Catalogue, context: SearchContext) -> list[tu
         return []
     found = list[tuple[Component, Proposal]]()
     for law in laws:
-        for result in (one for one in screened if one.candidate.found.effect.plain_name == law.plain_name):
+        for result in (one for one in screened if one.candidate.effect.plain_name == law.plain_name):
             form = catalogue.form(result, law, len(candidates[law.name]), model.fit)
             found.append((law, Proposal(form, 0.5 * result.gain + form.log_prior - law.log_prior)))
     return [(law, one.component) for law, one in sorted(found, key=lambda pair: -pair[1].promise) if one.promise > -MARGIN]

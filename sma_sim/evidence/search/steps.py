@@ -19,11 +19,13 @@ from sma_sim.evidence.search.beam import Book
 from sma_sim.evidence.search.components import Component
 from sma_sim.evidence.search.posterior import Posterior
 from sma_sim.evidence.search.refine import Model, without
-from sma_sim.model.effects.discovery import FoundEffect
+from sma_sim.model.effects.effect import Effect
+from sma_sim.model.renamed import renamed
 
 SHOWN = 8  # candidates of a step that are reported
 
 
+@renamed(found='effect')
 @dataclass(frozen=True)
 class CandidateFit:
     """A listed effect beside the base of a step, fitted.
@@ -33,7 +35,7 @@ class CandidateFit:
     `indistinguishable`: other candidates of the step whose odds are much the same.
     """
 
-    found: FoundEffect
+    effect: Effect
     fit: FitResult
     log_odds: float
     error_ratio: float
@@ -45,7 +47,7 @@ class CandidateFit:
     @property
     def name(self) -> str:
         """Name of the effect."""
-        return self.found.effect.name
+        return self.effect.name
 
 
 @dataclass(frozen=True)
@@ -119,12 +121,12 @@ def candidate_fit(model: Model, base: Model, rivals: Sequence[Component], poster
     """A model with one effect more compared with its base; `rivals` explain as well."""
     component, k = added(model, base), posterior.overdispersion
     assert isinstance(component.start, ScreeningResult)
-    found = component.start.candidate.found
+    found = component.start.candidate.effect
     more = len(model.fit.problem.free) - len(base.fit.problem.free)
     delta_bic = 2.0 * (model.fit.cost - base.fit.cost) / k**2 + more * log(model.fit.problem.samples)
     return CandidateFit(
         found, model.fit, model.score(k) - base.score(k), model.fit.error / base.fit.error, delta_bic,
-        is_plausible(found, model.fit.values_of(found.effect.name)), standard_errors(model.fit, model.evidence.parts, k),
+        is_plausible(found, model.fit.values_of(found.name)), standard_errors(model.fit, model.evidence.parts, k),
         tuple(dict.fromkeys(one.effect for one in rivals if one.effect)),
     )  # fmt: skip
 

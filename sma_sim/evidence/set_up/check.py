@@ -119,7 +119,7 @@ def motionless(problem: Problem, context: SearchContext) -> Fault | None:
 
     What keeps a robot still (no power, a wire that is slack or overstretched, a dead sensor) cannot be told from that.
     """
-    if problem.config.structure.structure.is_quasi_static:
+    if problem.config.structure.is_quasi_static:
         return None
     shown = residuals_at(problem, start_point(problem), context.pool)
     measured = [run.measured * run.weight for run in problem.runs]
@@ -174,7 +174,7 @@ def wrong_columns(
 
     None of quasi-static tests: what is not known of a specimen before its curves are fitted would pass for a fault.
     """
-    if config.structure.structure.is_quasi_static:
+    if config.structure.is_quasi_static:
         return ()
     copied, steps, problem = copied_commands(as_they_are, context), list[Step](), as_they_are
     while len(steps) < MAX_FAULTS and not context.stop.is_set():
@@ -221,7 +221,7 @@ def proposed(problem: Problem, z: Vector, context: SearchContext) -> list[Propos
     before = residuals_at(problem, z, context.pool)
     squares = [inf if rows is None else float(np.vdot(rows, rows)) for rows in before]
     channels = dict.fromkeys(name for run in problem.runs for name in run.channels)
-    faults = [*faults_of(problem.config.structure.structure, tuple(channels)), *exchanged_commands(problem, before)]
+    faults = [*faults_of(problem.config.structure, tuple(channels)), *exchanged_commands(problem, before)]
     found = list[tuple[Fault, float]]()
     for fault in faults:
         if context.stop.is_set():
@@ -432,7 +432,7 @@ def exchanged_commands(problem: Problem, residuals: Sequence[Rows | None]) -> It
             at = whose.pop(at)
         if len(cycle) > 1 and all(gains[k, holder[k]] > 0.0 for k in cycle):
             names = tuple(known[k][0].name for k in cycle)
-            yield Fault('exchanged_commands', problem.config.structure.structure.commands, recordings=names)
+            yield Fault('exchanged_commands', problem.config.structure.commands, recordings=names)
 
 
 def gain(run: FitData, rows: Rows, other: FitData, of_other: Rows) -> float:
@@ -461,7 +461,7 @@ def copied_commands(problem: Problem, context: SearchContext) -> list[Fault]:
         return []
     unexplained = are_unexplained(problem, context)
     whose = {a.name: b.name for a, b in pairs if unexplained[a.name] and not unexplained[b.name]}
-    commands = problem.config.structure.structure.commands
+    commands = problem.config.structure.commands
     return [Fault('copied_command', commands, recordings=pair, corrected=False) for pair in whose.items()]
 
 
@@ -613,7 +613,7 @@ def wrong_noise(problem: Problem, residuals: Sequence[Rows], dataset: Dataset, i
     that a filter has smoothed shows (`noise_at_rest`). Too large: a fit (`is_fitted`) leaves as little; a noise that is slow
     may hide from differences. Not where a resolution or repeated experiments say what noise is, nor where none is visible.
     """
-    if dataset.floor or problem.config.structure.structure.is_quasi_static:
+    if dataset.floor or problem.config.structure.is_quasi_static:
         return []
     by_order, at_rest = [scales(problem, residuals, order) for order in ORDERS], noise_at_rest(problem, residuals)
     raw = scales(problem, [run.measured * run.weight for run in problem.runs], ORDERS[0])
@@ -714,7 +714,7 @@ def in_mirror(symmetry: Columns, columns: Columns) -> Columns:
 
 def symmetries(problem: Problem) -> list[Columns]:
     """The exchanges of commands that only exchange the channels of the nominal model, or their signs."""
-    structure, z = problem.config.structure.structure, start_point(problem)
+    structure, z = problem.config.structure, start_point(problem)
     run = max(problem.runs, key=lambda one: float(np.abs(one.source.values[:, 0]).max()))
     own = z[problem.indices()[problem.runs.index(run)]]
     config, nuisance = problem.fitted(z), problem.nuisance(run, own)

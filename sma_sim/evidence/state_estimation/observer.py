@@ -168,7 +168,7 @@ class Observer:
     def __init__(self, config: Config) -> None:
         expect('config', config, Config)
         self.config = config
-        self._structure = config.structure.structure
+        self._structure = config.structure
         self.channels = self._structure.channels
         self._gain_std = config.parameters['observer.gain_std']
         self._free = uncertain_parameters(config, self._gain_std)

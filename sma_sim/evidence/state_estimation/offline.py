@@ -38,7 +38,7 @@ def observe_recording(recording: Recording, config: Config, unused: Collection[s
     UserError
         For a channel that the recording does not have, and for an input of another system.
     """
-    structure = config.structure.structure
+    structure = config.structure
     for name in unused:
         if name not in recording.channels:
             raise UserError(f'{recording.name} has no channel {name}{suggestion(name, recording.channels)}')

@@ -102,4 +102,4 @@ def least_cooling(config: Config) -> float:
 
 def channel_discrepancies(config: Config) -> Vector:
     """Standard deviations of what model and sensor of each channel differ by (channels,) [SI]."""
-    return config.parameters['observer.discrepancy'] * np.array(channel_scales(config.structure.structure))
+    return config.parameters['observer.discrepancy'] * np.array(channel_scales(config.structure))

@@ -9,7 +9,8 @@ from sma_sim.compiler.compile import cache_folder
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.estimation.injection_points import STIFFNESS
 from sma_sim.evidence.symbolic_regression.locations import CHAIN_STAGES, EVERY_WIRE
-from sma_sim.model.effects.discovery import FoundEffect, find_effects
+from sma_sim.model.effects.discovery import find_effects
+from sma_sim.model.effects.effect import Effect
 from sma_sim.model.structures.structure import Structure
 
 LOADING_LOCK = Lock()
@@ -41,7 +42,7 @@ def in_wire(wire: int, wires: int, value: str) -> str:
     return f'(1.0 if s.wire == {float(wire)!r} else 0.0) * {value}'
 
 
-def load_generated(name: str, text: str) -> FoundEffect:
+def load_generated(name: str, text: str) -> Effect:
     """The effect of that name in a file with this text, which lies alone in a folder of the user's cache.
 
     Threads take turns: loading a file changes the table of modules.

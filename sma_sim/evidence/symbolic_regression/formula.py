@@ -20,9 +20,8 @@ from sma_sim.evidence.symbolic_regression.locations import Location
 from sma_sim.evidence.symbolic_regression.term_fits import TermFit
 from sma_sim.evidence.symbolic_regression.terms import POSITIVE_GRIDS, ShapeParameter, Term, factor, per_unit
 from sma_sim.evidence.symbolic_regression.universal_term import universal_term
-from sma_sim.model.effects.discovery import FoundEffect
+from sma_sim.model.effects.effect import Effect
 from sma_sim.model.parameters import Parameter
-from sma_sim.model.structures.discovery import FoundStructure
 from sma_sim.model.structures.module import STRUCTURE as MODULE
 from sma_sim.model.structures.structure import Structure
 
@@ -146,7 +145,7 @@ class Formula:
         equations = '; '.join([f'{location.symbol} = {before}{readable(self.sum)}{after}', *rates])
         return f'{equations} ({location.description})'
 
-    def load(self) -> FoundEffect:
+    def load(self) -> Effect:
         """The effect, loaded from a folder of the user's cache."""
         return load_generated(self.name, self.text())
 
@@ -229,7 +228,7 @@ def rounded(value: float, digits: int = VALUE_DIGITS) -> float:
     return float(f'{value:.{digits}g}')
 
 
-def as_candidate(fit: TermFit, on: FoundStructure, copy: int = 0) -> ScreeningResult:
+def as_candidate(fit: TermFit, on: Structure, copy: int = 0) -> ScreeningResult:
     """A term as a candidate of the selection: an effect that is that term, with the coefficient and shapes that it has.
 
     It shares the kernels of its port (`universal_term`), so that no term compiles anything. `on`: what it acts on, `copy`:
@@ -238,11 +237,12 @@ def as_candidate(fit: TermFit, on: FoundStructure, copy: int = 0) -> ScreeningRe
     universal = universal_term(fit.location.hook, bool(fit.term.rate), on, copy)
     values = universal.values(fit.location, fit.term, fit.coefficient, fit.shapes)
     names = ['c', *(f'q_{k}' for k in range(len(fit.shapes)))]
-    declared = {name: replace(p, name=name) for name, p in zip(names, Formula((fit,), on.structure).parameters, strict=True)}
-    effect = universal.found.effect
+    declared = {name: replace(p, name=name) for name, p in zip(names, Formula((fit,), on).parameters, strict=True)}
+    effect = universal.effect
     parameters = tuple(declared.get(p.name, replace(p, default=values.get(p.name, p.default))) for p in effect.parameters)
-    found = replace(universal.found, effect=replace(effect, parameters=parameters), plain=universal.found)
-    return ScreeningResult(Candidate(found, ()), fit.error_reduction, {name: values[name] for name in declared})
+    return ScreeningResult(
+        Candidate(effect.derived(parameters=parameters), ()), fit.error_reduction, {name: values[name] for name in declared}
+    )
 
 
 def as_fitted(fit: TermFit, effect: str, fitted: FitResult) -> TermFit:

@@ -11,7 +11,6 @@ from sma_sim.evidence.estimation.injection_points import STIFFNESS, Port, ports_
 from sma_sim.evidence.symbolic_regression import term_library
 from sma_sim.evidence.symbolic_regression.terms import Term
 from sma_sim.model.config import Config
-from sma_sim.model.structures.discovery import FoundStructure
 from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.effect_table import channel_codes
 
@@ -87,7 +86,7 @@ def location_of(port: Port, structure: Structure, config: Config) -> Location:
 
 def locations_for(config: Config, channels: Collection[str]) -> tuple[Location, ...]:
     """All locations of a model, of the sensors those of the `channels` that were measured."""
-    structure, ports = config.structure.structure, ports_of(config, channels)
+    structure, ports = config.structure, ports_of(config, channels)
     singles = [location_of(port, structure, config) for port in ports]
     together = []
     for group, description in EVERY_WIRE_DESCRIPTIONS.items():
@@ -100,8 +99,8 @@ def locations_for(config: Config, channels: Collection[str]) -> tuple[Location, 
 
 
 @lru_cache(64)
-def locations_of_hook(hook: str, on: FoundStructure) -> tuple[Location, ...]:
+def locations_of_hook(hook: str, on: Structure) -> tuple[Location, ...]:
     """All locations of a port of the effects, on a structure at its defaults."""
     own = on if on.files else None
-    config = Config(on.structure.default_values, on.structure.family, own_structure=own)
-    return tuple(location for location in locations_for(config, on.structure.channels) if location.hook == hook)
+    config = Config(on.default_values, on.family, own_structure=own)
+    return tuple(location for location in locations_for(config, on.channels) if location.hook == hook)

@@ -126,9 +126,9 @@ class LinearizedFit:
         """The change of all residuals by each trial as it is."""
         configs = list[Config]()
         for trial in trials:
-            effect = universal_term(location.hook, bool(trial.term.rate), self._config.structure)
-            values = effect.values(location, trial.term, trial.coefficient, trial.shapes)
-            configs.append(with_effect(self._config, effect.found, values))
+            universal = universal_term(location.hook, bool(trial.term.rate), self._config.structure)
+            values = universal.values(location, trial.term, trial.coefficient, trial.shapes)
+            configs.append(with_effect(self._config, universal.effect, values))
         return [change_of(shown, self._nominal) for shown in residuals_under(self._nearby, self._z, configs, self._pool)]
 
 

@@ -11,8 +11,8 @@ from sma_sim.evidence.symbolic_regression.code_generation import STIFFNESS_IMPOR
 from sma_sim.evidence.symbolic_regression.locations import EVERY_WIRE, Location, locations_of_hook
 from sma_sim.evidence.symbolic_regression.term_library import HAT_FUNCTION
 from sma_sim.evidence.symbolic_regression.terms import MAX_SHAPES, Term
-from sma_sim.model.effects.discovery import FoundEffect
-from sma_sim.model.structures.discovery import FoundStructure
+from sma_sim.model.effects.effect import Effect
+from sma_sim.model.structures.structure import Structure
 
 FILE_HEADER = '''\
 """All terms of one port, chosen by number, to see what the measured channels would show of each."""
@@ -29,7 +29,7 @@ OF_STRUCTURES = ('structure_force', 'sensing')  # ports whose terms name coordin
 class UniversalTerm:
     """A compiled effect that is any of `terms` at the locations of one port."""
 
-    found: FoundEffect
+    effect: Effect
     terms: tuple[Term, ...]
 
     def values(self, location: Location, term: Term, coefficient: float, shapes: Sequence[float]) -> dict[str, float]:
@@ -45,34 +45,34 @@ def text_of(term: Term) -> tuple[str, str, str]:
 
 
 @cache
-def universal_term(hook: str, has_state: bool, on: FoundStructure, copy: int = 0) -> UniversalTerm:
+def universal_term(hook: str, has_state: bool, on: Structure, copy: int = 0) -> UniversalTerm:
     """The effect for the terms of a port of a structure that have a state, or for those that have none.
 
     Formulas of several terms need as many copies.
     """
     candidates = [t for location in locations_of_hook(hook, on) for t in location.terms if bool(t.rate) == has_state]
     unique = {text_of(term): term for term in (candidates if has_state else [*candidates, HAT_FUNCTION])}
-    own = f'_{on.structure.name}' if hook in OF_STRUCTURES else ''
+    own = f'_{on.name}' if hook in OF_STRUCTURES else ''
     name = f'any_{hook}{own}{"_with_memory" if has_state else ""}{copy or ""}'
     terms = tuple(unique.values())
     return UniversalTerm(load_generated(name, universal_file(name, hook, terms, has_state, on)), terms)
 
 
-def return_expression(hook: str, value: str, on: FoundStructure) -> str:
+def return_expression(hook: str, value: str, on: Structure) -> str:
     """What the kernel returns for a value at the component that a parameter names."""
     if hook != 'structure_force':
         chosen = f'({value} if s.channel == p.component else 0.0)' if hook == 'sensing' else f'{WIRE_SELECTOR} * {value}'
-        return kernel_return(hook, EVERY_WIRE, chosen, on.structure)
-    count = len(on.structure.coordinates)
+        return kernel_return(hook, EVERY_WIRE, chosen, on)
+    count = len(on.coordinates)
     if count == 1:
         return value
     each = f'({", ".join(f"{value} if p.component == {float(j)!r} else 0.0" for j in range(count))})'
     if all(location.component != STIFFNESS for location in locations_of_hook(hook, on)):
         return each
-    return f'{kernel_return(hook, STIFFNESS, value, on.structure)} if p.component == {float(STIFFNESS)!r} else {each}'
+    return f'{kernel_return(hook, STIFFNESS, value, on)} if p.component == {float(STIFFNESS)!r} else {each}'
 
 
-def universal_file(name: str, hook: str, terms: Sequence[Term], has_state: bool, on: FoundStructure) -> str:
+def universal_file(name: str, hook: str, terms: Sequence[Term], has_state: bool, on: Structure) -> str:
     """The file of such an effect."""
     read = 's, p, m' if has_state else 's, p'
     arguments = 's, w, p, m' if has_state else 's, w, p'
@@ -92,7 +92,7 @@ def universal_file(name: str, hook: str, terms: Sequence[Term], has_state: bool,
             'rate=lambda s, w, p, m: (rate_of(s, p, m),),',
             'start=lambda s, w, p: (start_of(s, p),),',
         ]
-    lines += port_lines(hook, on.structure)
+    lines += port_lines(hook, on)
     body = '\n'.join(f'    {line}' for line in lines)
     return ''.join(parts) + f'\n\nEFFECT = Effect(\n{body}\n)\n'
 

@@ -60,7 +60,7 @@ class ModelRuns:
     def visited(self, location: Location, every_sample: bool = False) -> list[VisitedStates]:
         """The runs as the kernels at a location see them, every wire where it acts in each; at some of their samples, or at
         every one."""
-        wires = wires_of_kernels(location, self._config.structure.structure.wires)
+        wires = wires_of_kernels(location, self._config.structure.wires)
         sensor = location if location.hook == 'sensing' else None
         return [self._seen(wire, run, every_sample, sensor) for wire, run in product(wires, range(len(self._runs)))]
 
@@ -92,7 +92,7 @@ def wires_of_kernels(location: Location, wires: int) -> Sequence[int]:
 
 def kernel_fields(time: Vector, columns: Mapping[str, Vector], config: Config, wire: int) -> dict[str, Vector]:
     """The kernels' state (samples,) by name, as one wire sees it, from the columns of the model."""
-    structure, w = config.structure.structure, wire_constants(config.parameters)
+    structure, w = config.structure, wire_constants(config.parameters)
     fields = {'t': time, 'T_E': columns['T_E_K'], 'wire': np.full_like(time, wire)}
     fields['others'] = np.full_like(time, structure.wires - 1)
     suffixes = structure.wire_suffixes
@@ -115,7 +115,7 @@ def kernel_fields(time: Vector, columns: Mapping[str, Vector], config: Config, w
 
 def sensor_fields(location: Location, fields: Mapping[str, Vector], config: Config) -> dict[str, Vector]:
     """What a sensor's effects see: the value of the channel, and its number."""
-    structure, channel = config.structure.structure, location.variable
+    structure, channel = config.structure, location.variable
     if channel in structure.coordinate_names:
         value = fields[coordinate_fields(structure)[channel][0]]
     elif channel.startswith('T'):

@@ -38,8 +38,7 @@ def effect_on(effect: Effect, structure: Structure, values: Mapping[str, float] 
     single = effect.single_title if structure.wires == 1 else ''
     title, named = structure.named_effects.get(effect.name, NamedEffect('', {}))
     known = values if values is not None and structure.default_values.keys() <= values.keys() else structure.default_values
-    moved = replace(
-        effect,
+    moved = effect.derived(
         structure=structure,
         kernel=dict(effect.kernels).get(structure.original, effect.kernel),
         title=title or single or general or effect.title,
@@ -48,17 +47,17 @@ def effect_on(effect: Effect, structure: Structure, values: Mapping[str, float] 
     )
     if effect.port == PORT_NAMES[SENSING]:
         slots = zip(structure.channels, channel_slots(effect, structure), strict=True)
-        moved = replace(moved, channels=tuple(channel for channel, slot in slots if slot >= 0))
+        moved = moved.derived(channels=tuple(channel for channel, slot in slots if slot >= 0))
     if not structure.coordinates or not acts_on(effect, structure):
         return moved
     if effect.by_channel:
-        return replace(moved, parameters=parameters_of_channels(effect, structure, known))
+        return moved.derived(parameters=parameters_of_channels(effect, structure, known))
     parameters = (*effect.parameters, *more_parameters(effect, structure))
     if effect.needs:
         at = acting_coordinates(effect.needs, structure)[0]
         parameters = tuple(converted(p, structure, at, known) for p in parameters)
     parameters = tuple(realistic_beside(p, known[named[p.name]]) if p.name in named else p for p in parameters)
-    return replace(moved, parameters=parameters)
+    return moved.derived(parameters=parameters)
 
 
 def realistic_beside(parameter: Parameter, own: float) -> Parameter:
@@ -73,7 +72,7 @@ def with_parameters(effect: Effect, structure: Structure) -> Effect:
     """The effect with the parameters that it lacks of those that it has on a structure; itself where it lacks none."""
     known = {parameter.name for parameter in effect.parameters}
     more = tuple(parameter for parameter in more_parameters(effect, structure) if parameter.name not in known)
-    return replace(effect, parameters=effect.parameters + more) if more else effect
+    return effect.derived(parameters=effect.parameters + more) if more else effect
 
 
 def more_parameters(effect: Effect, structure: Structure) -> tuple[Parameter, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from sma_sim.model.argument_checks import expect
@@ -21,6 +22,7 @@ from sma_sim.model.effects.scope import (
 from sma_sim.model.errors import UserError
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.parameters import Parameter, fault_of
+from sma_sim.model.renamed import itself
 from sma_sim.model.structures.module import STRUCTURE as MODULE
 from sma_sim.model.structures.structure import Structure
 
@@ -160,6 +162,10 @@ class Effect:
         no beam, the third for those with one wire.
     scope, structure : Scope, Structure
         Not for effect files: where an effect that is named NAME@SCOPE acts, and on what.
+    files : tuple of Path
+        Not for effect files: those that its native code depends on, beside the package's own.
+    plain : Effect, optional
+        Of one in a scope, or on a structure: the effect as it is declared, whose kernels it shares.
 
     Raises
     ------
@@ -199,7 +205,10 @@ class Effect:
     general_title: str = ''
     single_title: str = ''
     scope: Scope = EVERYWHERE
-    structure: Structure = field(default=MODULE, repr=False, hash=False)
+    structure: Structure = MODULE
+    files: tuple[Path, ...] = field(default=(), compare=False)
+    plain: Effect | None = field(default=None, init=False, compare=False)
+    effect = itself('effect')
 
     def __post_init__(self) -> None:
         expect('name', self.name, str)
@@ -249,6 +258,21 @@ class Effect:
     def __repr__(self) -> str:
         return f'Effect({self.name}: {self.equation})'
 
+    def __hash__(self) -> int:
+        """Of what tells effects apart nearly always: it is asked for with every model."""
+        return hash(self.name)
+
+    @property
+    def is_own(self) -> bool:
+        """Whether its kernel is not of this package."""
+        return not self.kernel.__module__.startswith('sma_sim.')
+
+    def derived(self, **changes: Any) -> Effect:
+        """The effect in other words, on another structure or in a scope: it shares the kernels of the declared one."""
+        made = replace(self, **changes)
+        object.__setattr__(made, 'plain', self.plain or self)
+        return made
+
     def of_channel(self, channel: str) -> Parameter | None:
         """The parameter of a channel, where they are `by_channel`: by its name, or by that of its kind."""
         named = {parameter.name: parameter for parameter in self.parameters}
@@ -295,8 +319,7 @@ class Effect:
         """The same effect in one of its `scopes`, or `forms`; one in a scope in another form there."""
         own = form_parameters(scope.field, self.parameters) if scope.field else ()
         words = scope.words.removeprefix(f'{self.scope.words}, ')
-        return replace(
-            self,
+        return self.derived(
             name=f'{self.plain_name}{SEPARATOR}{scope.name}',
             scope=scope,
             title=f'{self.phrase}, {words}',

@@ -3,76 +3,52 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache, lru_cache
 from pathlib import Path
 
 import sma_sim.model.structures as package
 from sma_sim.model.argument_checks import as_folders, checked
 from sma_sim.model.errors import UserError
-from sma_sim.model.plugins import OWN, package_plugins, user_plugins
+from sma_sim.model.plugins import package_plugins, user_plugins
 from sma_sim.model.structures.checks import fault_of
 from sma_sim.model.structures.structure import Structure
 
 ENTRY_POINTS = 'sma_sim.structures'
 NOT_SI = ('mm', 'cm', 'um', 'deg', 'mrad')  # of coordinates: times a generalised force they give no energy [J]
-KNOWN: dict[str, FoundStructure] = {}  # of the user's folders, and of other sizes, that were named in this process
+KNOWN: dict[str, Structure] = {}  # of the user's folders, and of other sizes, that were named in this process
 
 
 class StructureError(UserError):
     """A structure file that cannot be used; the message names the file and what is wrong."""
 
 
-@dataclass(frozen=True, repr=False)
-class FoundStructure:
-    """A structure and the files that its kernels depend on."""
-
-    structure: Structure
-    files: tuple[Path, ...]
-    packages: tuple[str, ...]  # prefixes of the modules whose functions are compiled with the kernels
-
-    def __hash__(self) -> int:
-        """Of what tells structures apart nearly always: it is asked for with every model."""
-        return hash((self.structure.name, self.files))
-
-    def __repr__(self) -> str:
-        return f'FoundStructure({self.structure.name})'
-
-
 @cache
-def package_structures() -> dict[str, FoundStructure]:
+def package_structures() -> dict[str, Structure]:
     """The structures of the package and of installed packages that declare an entry point, by name."""
-    plugins = package_plugins(package, 'STRUCTURE', ENTRY_POINTS)
-    return {
-        structure.name: FoundStructure(structure, plugin.files, plugin.packages)
-        for plugin in plugins
-        for structure in plugin.value.family_members
-    }
+    declared = package_plugins(package, 'STRUCTURE', ENTRY_POINTS)
+    return {member.name: member for structure in declared for member in structure.family_members}
 
 
-def found_structure(structure: Structure) -> FoundStructure:
+def declared_structure(structure: Structure) -> Structure:
     """A structure that is given as an object: one of the package, or one of your own, known by its name from now on.
 
     Raises StructureError where the declaration has a fault, or another structure of the package has its name.
     """
     name = structure.name
     if name in package_structures():
-        if package_structures()[name].structure is not structure:
+        if package_structures()[name] != structure:
             raise StructureError(f'a structure named {name!r} exists already; choose another name')
         return package_structures()[name]
     if fault := fault_of(structure):
         raise StructureError(fault)
     check_channels(structure, package_structures().values(), None)
-    kernels = (structure.lengths, structure.forces, structure.inertia, structure.gradients, structure.stiffness)
-    further = (structure.strain, structure.gravity, structure.accelerations, structure.constants)
-    modules = {kernel.__module__.partition('.')[0] for kernel in (*kernels, *further) if kernel is not None}
-    for variant in structure.family_members:
-        KNOWN[variant.name] = FoundStructure(variant, (), (*OWN, *sorted(modules)))
-    return KNOWN[name]
+    KNOWN.update({member.name: member for member in structure.family_members})
+    return structure
 
 
 @checked
-def find_structures(folders: str | Path | Iterable[str | Path] = ()) -> dict[str, FoundStructure]:
+def find_structures(folders: str | Path | Iterable[str | Path] = ()) -> dict[str, Structure]:
     """All structures by name: those of the package and those in the given folders.
 
     Parameters
@@ -83,7 +59,7 @@ def find_structures(folders: str | Path | Iterable[str | Path] = ()) -> dict[str
     Returns
     -------
     dict
-        A `FoundStructure` (the `Structure` and its files) by name.
+        A `Structure` by name.
 
     Raises
     ------
@@ -94,61 +70,57 @@ def find_structures(folders: str | Path | Iterable[str | Path] = ()) -> dict[str
     Examples
     --------
     >>> import sma_sim
-    >>> sma_sim.find_structures()['module'].structure.coordinate_names
+    >>> sma_sim.find_structures()['module'].coordinate_names
     ('U_x', 'U_y', 'alpha')
     """
     found = dict(package_structures())
     for folder in as_folders('structures.paths', folders):
-        for plugin in user_plugins(folder, 'structures.paths', Structure, StructureError):
-            for variant in plugin.value.family_members:
-                if variant.name in found:
-                    raise StructureError(
-                        f'{plugin.file}: a structure named {variant.name!r} exists already; choose another name'
-                    )
-                if fault := fault_of(variant):
-                    raise StructureError(f'{plugin.file}: {fault}')
-                check_channels(variant, found.values(), plugin.file)
-                found[variant.name] = KNOWN[variant.name] = FoundStructure(variant, plugin.files, plugin.packages)
+        for file, structure in user_plugins(folder, 'structures.paths', Structure, StructureError):
+            for member in structure.family_members:
+                if member.name in found:
+                    raise StructureError(f'{file}: a structure named {member.name!r} exists already; choose another name')
+                if fault := fault_of(member):
+                    raise StructureError(f'{file}: {fault}')
+                check_channels(member, found.values(), file)
+                found[member.name] = KNOWN[member.name] = member
     return found
 
 
-def structure_of_size(found: FoundStructure, values: Mapping[str, float]) -> FoundStructure:
+def structure_of_size(structure: Structure, values: Mapping[str, float]) -> Structure:
     """A structure in the size that the values by full name say. Raises StructureError."""
-    structure = found.structure
     if structure.of_size is None:
-        return found
+        return structure
     declared = structure.declared[structure.size_name]
     size = float(values.get(structure.size_name, declared.default))
     if size == declared.default:
-        return found
+        return structure
     low, high = declared.bounds
     if not low <= size <= high or size != int(size):
         raise StructureError(f'{structure.size_name} = {size:g}: expected a whole number from {low:g} to {high:g}')
-    return resized(found, int(size))
+    return resized(structure, int(size))
 
 
 @lru_cache(256)
-def resized(found: FoundStructure, size: int) -> FoundStructure:
+def resized(structure: Structure, size: int) -> Structure:
     """A structure in another size, known by its name from now on."""
-    assert found.structure.of_size is not None
-    other = replace(found, structure=found.structure.of_size(size))
-    for variant in other.structure.family_members:
-        KNOWN[variant.name] = replace(found, structure=variant)
+    assert structure.of_size is not None
+    other = replace(structure.of_size(size), files=structure.files)
+    KNOWN.update({member.name: member for member in other.family_members})
     return other
 
 
-def check_channels(structure: Structure, others: Iterable[FoundStructure], file: Path | None) -> None:
+def check_channels(structure: Structure, others: Iterable[Structure], file: Path | None) -> None:
     """Raise StructureError where a channel has the name of another structure's in another unit: files could not tell.
 
     Nor may a coordinate be in a unit that is not SI.
     """
     for other in others:
-        columns = dict(zip(other.structure.channels, other.structure.channel_columns, strict=True))
+        columns = dict(zip(other.channels, other.channel_columns, strict=True))
         for channel, column in zip(structure.channels, structure.channel_columns, strict=True):
             if columns.get(channel, column) != column:
                 raise StructureError(
                     f'{file}: the coordinate {channel} would be the column {column}, which is {columns[channel]} of the '
-                    f'structure {other.structure.name}; choose another name'
+                    f'structure {other.name}; choose another name'
                 )
     for coordinate in structure.coordinates:
         if coordinate.unit in NOT_SI:
@@ -160,9 +132,4 @@ def check_channels(structure: Structure, others: Iterable[FoundStructure], file:
 
 def known_structures() -> dict[str, Structure]:
     """The structures of the package, and those of folders and of other sizes that were named in this process, by name."""
-    return {name: found.structure for name, found in found_structures().items()}
-
-
-def found_structures() -> dict[str, FoundStructure]:
-    """The same with their files."""
     return package_structures() | KNOWN

@@ -11,6 +11,7 @@ from collections import namedtuple
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -21,6 +22,7 @@ from sma_sim.model.argument_checks import expect
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import INITIAL_PARAMETERS, KELVIN, Parameter, initial_fraction
 from sma_sim.model.program_parameters import DEFAULTS
+from sma_sim.model.renamed import itself
 from sma_sim.model.structures.links import AXES, Drawing, LinkTree
 
 Constants = Any  # a named tuple of numbers, the structure's own
@@ -218,6 +220,8 @@ class Structure:
         Of a variant, the name of the system whose variant it is.
     description, source : str
         Remarks, and where the equations come from.
+    files : tuple of Path
+        Not for structure files: those that its native code depends on, beside the package's own.
     """
 
     name: str
@@ -252,6 +256,8 @@ class Structure:
     variant_of: str = ''
     description: str = ''
     source: str = ''
+    files: tuple[Path, ...] = field(default=(), compare=False)
+    structure = itself('structure')
 
     def __post_init__(self) -> None:
         expect('name', self.name, str)
@@ -273,6 +279,10 @@ class Structure:
 
     def __repr__(self) -> str:
         return f'Structure({self.name}: {", ".join(self.channel_columns)})'
+
+    def __hash__(self) -> int:
+        """Of what tells structures apart nearly always: it is asked for with every model."""
+        return hash(self.name)
 
     @cached_property
     def declared(self) -> dict[str, Parameter]:
@@ -298,7 +308,7 @@ class Structure:
     def family_members(self) -> tuple[Structure, ...]:
         """The structure itself and its variants; where it declares none, the one whose wires have imposed temperatures."""
         if self.variants or self.variant_of:
-            return (self, *self.variants)
+            return (self, *(replace(variant, files=self.files) for variant in self.variants))
         return self, at_imposed_temperature(self)
 
     @cached_property

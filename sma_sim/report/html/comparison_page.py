@@ -182,7 +182,7 @@ def hysteresis_section(comparison: Comparison) -> Section:
     plots = [
         Plot(loop_figure(run, loop), run.name + (' (held out)' if run.held_out else ''), 300)
         for run in comparison.runs[:MAX_LOOP_RUNS]
-        for loop in LOOPS.get(comparison.config.system, loops_of(comparison.config.structure.structure))
+        for loop in LOOPS.get(comparison.config.system, loops_of(comparison.config.structure))
         if loop[0] in run.measured and np.ptp(run.states[loop[1]]) > loop[4]
     ]
     if not plots:

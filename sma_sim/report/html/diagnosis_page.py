@@ -204,7 +204,7 @@ def outcome(step: SelectionStep) -> str:
 
 def fitted_values(candidate: CandidateFit) -> str:
     """The fitted values of an effect with their units."""
-    units = {parameter.name: parameter.unit for parameter in candidate.found.effect.parameters}
+    units = {parameter.name: parameter.unit for parameter in candidate.effect.parameters}
     values = candidate.fit.seen_values_of(candidate.name).items()
     return ', '.join(f'{name} = {value:.3g} {units[name]}'.removesuffix(' -') for name, value in values)
 
@@ -225,14 +225,14 @@ def candidate_row(candidate: CandidateFit, held_out_ratios: Mapping[str, float])
 def confounding_blocks(candidate: CandidateFit, diagnosis: Diagnosis) -> Iterator[Block]:
     """Which effects explain as well, and why they cannot be told apart; which parameters are known to hide the effect."""
     reasons = [str(confounding) for confounding in diagnosis.confounding.get(candidate.name, ())]
-    hidden_by = [name for name in candidate.found.effect.confused_with if '.' in name or name == 'delay']
+    hidden_by = [name for name in candidate.effect.confused_with if '.' in name or name == 'delay']
     if reasons:
         yield Paragraph(
             f'These data do not distinguish {candidate.name} from {", ".join(candidate.indistinguishable)}. Why:'
         )
         yield Bullets(reasons)
-    if candidate.found.effect.same_as:
-        yield Paragraph(f'The equations make it the same as {candidate.found.effect.same_as}: no data can tell them apart.')
+    if candidate.effect.same_as:
+        yield Paragraph(f'The equations make it the same as {candidate.effect.same_as}: no data can tell them apart.')
     if hidden_by:
         text = f'A small {candidate.name} may hide in {", ".join(hidden_by)}: their estimates are correlated.'
         yield Paragraph(text, 'note')

@@ -50,8 +50,8 @@ def runs_to_show(summary: Summary) -> list[ComparedRun]:
 
 def structure_of(comparison: Comparison, run: ComparedRun) -> Structure:
     """The structure of a run: that of the model, on the bench of the run."""
-    own = comparison.config.structure.structure
-    return comparison.config.on_bench(run.system).structure.structure if run.system else own
+    own = comparison.config.structure
+    return comparison.config.on_bench(run.system).structure if run.system else own
 
 
 def input_curves(structure: Structure) -> list[tuple[str, str, float, str]]:

@@ -62,7 +62,7 @@ def range_plots(candidate: CandidateFit) -> list[Plot]:
     stds = {name.rpartition('.')[2]: std for name, std in candidate.std.items() if f'.{candidate.name}.' in name}
     return [
         range_plot(parameter, fitted[parameter.name], stds.get(parameter.name, math.nan))
-        for parameter in candidate.found.effect.parameters
+        for parameter in candidate.effect.parameters
         if parameter.name in fitted
     ]
 
