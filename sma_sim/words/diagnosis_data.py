@@ -122,14 +122,16 @@ def differences(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     ]
 
 
-def amounts(difference: RecordingDifference, diagnosis: Diagnosis) -> Iterator[tuple[str, float | bool]]:
-    """By recording, how much of a difference it has."""
+def amounts(difference: RecordingDifference, diagnosis: Diagnosis) -> Iterator[tuple[str, float | bool | dict[str, float]]]:
+    """By recording, how much of a difference it has; of several zeros by channel."""
     for run in (*diagnosis.calibration.runs, *diagnosis.predicted):
         if difference.zeros:
-            ((channel, _),) = difference.zeros
-            yield run.name, run.zeros.get(channel, 0.0)
+            zeros = {channel: run.zeros.get(channel, 0.0) for channel, _ in difference.zeros}
+            yield run.name, zeros if len(zeros) > 1 else sum(zeros.values())
         elif difference.late_commands:
             yield run.name, LATENESS * statistics.pstdev(run.switches or (0.0,))
+        elif difference.rounded_commands:
+            yield run.name, statistics.pstdev(run.powers or (0.0,))
         elif difference.in_motion:
             yield run.name, max(run.beginning.warmth, default=0.0)
         else:

@@ -18,6 +18,8 @@ from sma_sim.evidence.diagnosis.review import reviewed
 from sma_sim.evidence.estimation.calibrate import FitOptions, problem_for
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
+from sma_sim.evidence.estimation.held_out_prediction import RunFit, point_with, run_fits
+from sma_sim.evidence.estimation.levenberg_marquardt import refit
 from sma_sim.evidence.estimation.motion_before import begin_in_motion
 from sma_sim.evidence.estimation.problem import (
     AMBIENT,
@@ -32,11 +34,12 @@ from sma_sim.evidence.estimation.recording_differences import (
     AMBIENT_STD,
     IN_MOTION,
     LATE_COMMANDS,
+    ROUNDED_COMMANDS,
     RecordingDifference,
     with_differences,
     zeros_of,
 )
-from sma_sim.evidence.estimation.residuals import Nuisance, fit_data, planned_run, predict
+from sma_sim.evidence.estimation.residuals import Nuisance, fit_data, planned_run, predict, steps_of_powers
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import Candidate
 from sma_sim.evidence.model_selection.differing_recordings import promises
@@ -46,22 +49,25 @@ from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.evidence.search.components import Component, difference_component
 from sma_sim.evidence.search.refine import Model, without_difference
 from sma_sim.solver.inputs import Input, inputs_at
-from sma_sim.words.diagnosis_data import as_data
-from sma_sim.words.diagnosis_text import as_text
+from sma_sim.words.diagnosis_data import as_data, differences
+from sma_sim.words.diagnosis_text import as_text, difference_lines
 
 NOISE = {'U_y': 1e-5, 'alpha': 3.5e-4, 'F_1': 0.02, 'F_2': 0.02}
 COMMANDS = ((10.0, -8.0), (-9.0, 12.0), (8.0, -11.0), (-12.0, 7.0))
+ROUNDED = ((0.31, 0.18), (-0.22, -0.4), (-0.35, 0.11))  # [W] by which powers were more than the file says
+SPREAD = {'run1': 0.065, 'run2': 0.09, 'run3': 0.23}  # [W], standard deviation of these
 OPTIONS = FitOptions(free=('beam.E', 'wire.lambda'), kinetics='hybrid', starts=1, intervals=False)
 DRIVER_LAG, CREEP = active('driver_lag', tau=1.0), active('beam_creep')
 UNPOWERED = RecordingDifference('the power of one side', unpowered_side=1, recordings=('run1',))
 REQUEST = DiagnosisRequest(kinetics='hybrid', options=OPTIONS, equation=False, variants=False)
 
 
-def recorded(k, T_E=298.0, lost=0, alpha=0.0):
+def recorded(k, T_E=298.0, lost=0, alpha=0.0, force=0.0, more=(0.0, 0.0)):
     """A recording whose file says 298 K and its whole command, with what was different in truth."""
     first, second = COMMANDS[k]
     said = sma_sim.module_input([0.0, 2.0, 8.0, 14.0, 20.0], [0.0, first, 0.0, second, 0.0])
     true = said.values.copy()
+    true[[1, 3], 0] += more
     true[:, 0] = np.where(np.sign(true[:, 0]) == lost, 0.0, true[:, 0])
     true[:, 1] = T_E
     run = sma_sim.simulate(sma_sim.Model(), Input(said.times, true, said.linear), 10.0)
@@ -69,6 +75,7 @@ def recorded(k, T_E=298.0, lost=0, alpha=0.0):
     columns = {'U_y': 'U_y_m', 'alpha': 'alpha_rad', 'F_1': 'F_1_N', 'F_2': 'F_2_N'}
     noisy = {name: run[column] + NOISE[name] * random.standard_normal(len(run.time)) for name, column in columns.items()}
     noisy['alpha'] += alpha
+    noisy['F_1'] += force
     return sma_sim.Recording(f'run{k + 1}', 'module', run.time, noisy, said)
 
 
@@ -273,6 +280,7 @@ def test_a_motion_before_is_proposed_where_first_samples_are_not_those_at_rest()
     [
         ((recorded(0), recorded(1, alpha=0.01), recorded(2)), 'the zero of alpha', {'run1': 0.0, 'run2': 0.01, 'run3': 0.0}),
         ((recorded(0), recorded(1, T_E=303.0), recorded(2)), 'the ambient temperature', {'run1': 0, 'run2': 5, 'run3': 0}),
+        (tuple(recorded(k, more=more) for k, more in enumerate(ROUNDED)), 'the rounding of commands', SPREAD),
         (
             (recorded(0), recorded(1), recorded(2, lost=-1), recorded(3, lost=-1)),
             'the power of the wires that negative commands heat',
@@ -286,7 +294,7 @@ def test_differences_are_named_and_nothing_is_missing(recordings, words, expecte
     assert data['verdict'] == 'none' and data['effects'] == []
     (difference,) = data['differences']
     assert difference['what'] == words and words in text[0]
-    tolerance = 0.5 if words == 'the ambient temperature' else 1e-3
+    tolerance = {'the ambient temperature': 0.5, 'the rounding of commands': 0.03}.get(words, 1e-3)
     assert difference['by_recording'] == pytest.approx(expected, abs=tolerance)
     assert data['error'][-1]['held_out'] < 1.1
     held_out = replace(dataset, recordings=dataset.recordings[-1:])
@@ -341,3 +349,62 @@ def test_commands_that_are_late_by_differing_times():
         assert max(found, key=found.get) == LATE_COMMANDS and found[LATE_COMMANDS] > 100.0
         assert LATE_COMMANDS not in promises(differing, start, SearchContext(pool, Event()))
     assert with_own_unknowns(differing, start, problem) == pytest.approx(z)
+
+
+@pytest.mark.parametrize(
+    ('powers', 'steps'),
+    [
+        ((3.7, 12.4, -0.4), (0.1, 0.1, 0.1)),
+        ((3.7, 12.0, 0.38), (0.1, 1.0, 0.01)),
+        ((0.1 * 3, 1.2e-3), (1e-2, 1e-4)),
+        ((10.0, 20.0), (10.0, 10.0)),
+        ((12.43, 7.5), ()),
+        ((np.pi, 2.0), ()),
+        ((0.0,), ()),
+        (tuple(1.0 + k % 2 for k in range(30)), ()),
+    ],
+)
+def test_to_what_powers_may_have_been_rounded(powers, steps):
+    """To as many decimals or to as many digits, whichever is coarser; not with four digits, nor thirty of them."""
+    said = sma_sim.module_input(np.arange(len(powers) + 2.0), [0.0, *powers, 0.0])
+    assert steps_of_powers(said) == pytest.approx(steps)
+
+
+def test_commands_that_were_rounded():
+    """The model with one more unknown for each power begins where it was, they promise most, and a fit finds them; a run
+    that was held out as well."""
+    recordings = tuple(recorded(k, more=more) for k, more in enumerate(ROUNDED))
+    problem = problem_for(sma_sim.Dataset(recordings[:2], NOISE), sma_sim.Config(), OPTIONS, 1)
+    z = start_point(problem)
+    differing, start = with_difference(problem, z, ROUNDED_COMMANDS)
+    with executor_or_threads(None) as pool:
+        context = SearchContext(pool, Event())
+        for one, other in zip(residuals_at(problem, z, pool), residuals_at(differing, start, pool), strict=True):
+            assert (one == other).all()
+        found = promises(problem, z, context)
+        assert max(found, key=found.get) == ROUNDED_COMMANDS and found[ROUNDED_COMMANDS] > 1000.0
+        assert ROUNDED_COMMANDS not in promises(differing, start, context)
+        fit = refit(differing, start, context)
+        for run, indices, more in zip(differing.runs, differing.indices(), ROUNDED, strict=False):
+            assert differing.nuisance(run, fit.z[indices]).powers == pytest.approx(more, abs=0.03)
+        runs = run_fits(differing, fit.z, pool)
+    assert point_with(differing, fit.z[: len(differing.shared)], runs) == pytest.approx(fit.z)
+    held_out = with_differences(sma_sim.Dataset(recordings[2:], NOISE), (ROUNDED_COMMANDS,))
+    (predicted,) = sma_sim.evaluate_held_out(sma_sim.Config(), held_out)
+    assert predicted.error < 1.1 and predicted.powers == pytest.approx(ROUNDED[2], abs=0.03)
+    assert sma_sim.evaluate_held_out(sma_sim.Config(), sma_sim.Dataset(recordings[2:], NOISE))[0].error > 3.0
+
+
+def test_zeros_of_several_channels_are_said_by_channel():
+    runs = (RunFit('run1', (), (), (), {}, 1.0, zeros={'alpha': 0.01, 'F_1': -0.2}), RunFit('run2', (), (), (), {}, 1.0))
+    diagnosis = SimpleNamespace(
+        calibration=SimpleNamespace(runs=runs), predicted=(), differences=(zeros_of({'alpha': 1e-2, 'F_1': 0.5}),)
+    )
+    assert differences(diagnosis) == [
+        {
+            'what': 'the zeros of alpha and F_1',
+            'by_recording': {'run1': {'alpha': 0.01, 'F_1': -0.2}, 'run2': {'alpha': 0.0, 'F_1': 0.0}},
+        }
+    ]
+    (line,) = difference_lines(diagnosis)
+    assert line.endswith('run1 (alpha +0.01, F_1 -0.2) and run2 (alpha +0, F_1 +0) [SI].')

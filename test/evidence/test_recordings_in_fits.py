@@ -24,9 +24,9 @@ from sma_sim.evidence.estimation.held_out_prediction import (
     point_with,
 )
 from sma_sim.evidence.estimation.problem import (
-    AMBIENT_STEP,
     DEFAULT_STEP,
     DELAY,
+    INPUT_STEP,
     START,
     SWITCH,
     Problem,
@@ -214,7 +214,7 @@ def test_some_unknowns_are_moved_apart_from_tangents():
         moved = {j: (step, config.config, nuisance) for j, step, config, nuisance in differences_apart(problem, part, run)}
         assert set(moved) == ({1, 6} if at < k.low + DEFAULT_STEP else {6})
         step, there, nuisance = moved[6]
-        assert step == pytest.approx(AMBIENT_STEP if ambient < 0.0 else -AMBIENT_STEP)
+        assert step == pytest.approx(INPUT_STEP if ambient < 0.0 else -INPUT_STEP)
         assert nuisance.ambient == pytest.approx(3.0 * (ambient + step)) and there.parameters == config.parameters
         if 1 in moved:
             assert moved[1][0] == pytest.approx(DEFAULT_STEP) and moved[1][2].ambient == pytest.approx(3.0 * ambient)

@@ -126,6 +126,8 @@ class Recording(Shown, Saved, Comparable):
         By how much the ambient temperature may differ from that of `source` [K]; 0 where it is known.
     late_commands : bool
         Whether each command may have taken effect later than another one, by up to 0.2 s.
+    rounded_commands : bool
+        Whether the powers that were commanded are written with so few digits that they may have been others.
     in_motion : bool
         Whether wires may be warm, and the pose not in equilibrium, at its beginning: else it begins at rest.
     unpowered_side : int
@@ -159,6 +161,7 @@ class Recording(Shown, Saved, Comparable):
     sample_std: Mapping[str, Vector] = field(default_factory=dict)
     in_motion: bool = False
     late_commands: bool = False
+    rounded_commands: bool = False
     rounding: Mapping[str, Rounding] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -16,6 +16,7 @@ from sma_sim.evidence.estimation.executors import PickledConfig, executor_or_thr
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize
 from sma_sim.evidence.estimation.prepared_fit import check_data
 from sma_sim.evidence.estimation.problem import (
+    POWER,
     START,
     SWITCH,
     EvaluationTask,
@@ -60,7 +61,8 @@ class RunFit:
     `zeros`: the same of other channels, by channel (SI); `drifts`: by how much these zeros drift within the run.
     `quasi_static`: a test whose time says nothing. `ambient`: by how much its ambient temperature was above that of its
     input, `ambient_std`: the prior of that [K]. `T_E`: its ambient temperature at the beginning
-    [K]. `beginning`: what was left then of a motion before.
+    [K]. `beginning`: what was left then of a motion before. `powers`: by how much each power that was commanded
+    was more than is written [W].
     """
 
     name: str
@@ -77,6 +79,7 @@ class RunFit:
     ambient_std: float = 0.0
     T_E: float = nan
     beginning: Beginning = AT_REST
+    powers: tuple[float, ...] = ()
 
 
 def nuisances_of(delay: float, fits: Sequence[RunFit]) -> dict[str, Nuisance]:
@@ -89,6 +92,7 @@ def nuisances_of(delay: float, fits: Sequence[RunFit]) -> dict[str, Nuisance]:
             fit.quasi_static,
             fit.ambient,
             fit.beginning,
+            fit.powers,
         )
         for fit in fits
     }
@@ -100,6 +104,7 @@ def point_with(problem: Problem, known: Sequence[float], fits: Sequence[RunFit])
     for run, fit in zip(problem.runs[len(problem.runs) - len(fits) :], fits, strict=True):  # in the order of Problem.own
         ambient = [fit.ambient / fit.ambient_std] if fit.ambient_std > 0.0 else []
         z += [*map(START.coordinate, fit.start), *map(SWITCH.coordinate, fit.switches), *ambient]
+        z += [POWER.coordinate(power / step) for power, step in zip(fit.powers, run.rounded_to, strict=True)]
         left = fit.beginning.parts
         for kind, stds in problem.beginning_std(run).parts.items():
             z += [value / std for value, std in zip(left.get(kind) or (0.0,) * len(stds), stds, strict=True)]
@@ -161,6 +166,7 @@ def run_fits(problem: Problem, z: Vector, executor: Executor) -> tuple[RunFit, .
                 ambient_std=run.ambient_std,
                 T_E=float(planned_run(run, nuisance)[0].values[0, -1]),
                 beginning=nuisance.beginning,
+                powers=nuisance.powers,
             )
         )
     return tuple(fits)

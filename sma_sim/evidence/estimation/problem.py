@@ -35,7 +35,7 @@ MIN_STEP, MAX_STEP = 1e-6, 0.02  # of differences, in standard deviations of the
 MAX_RUN_STEP = 0.005  # of a start: a MAS wire leaves the neighbourhood of sigma_A at once, so curvature is high there
 CURVATURE = 4.0  # each derivative relative to the one before, in z
 SOLVER_ERROR = 40.0  # of a sample, in units of its noise and of solver.rtol (docs/explanation/calibration.md)
-AMBIENT_STEP = 0.1  # of differences in an ambient temperature, in standard deviations of its prior
+INPUT_STEP = 0.1  # of differences in an ambient temperature, or in a power, in standard deviations of its prior
 DELAY = FreeParameter('delay', 0.0, 0.05, -10.0, 100.0, False, 's')
 START = FreeParameter('start', 0.5, 0.5, -1.0, 1.0, False, '-')
 AMBIENT = FreeParameter('ambient', 0.0, 1.0, -5.0, 5.0, False, 'K')  # in standard deviations of the recording's prior
@@ -44,6 +44,7 @@ WARMTH = FreeParameter('warmth', 0.0, 1.0, 0.0, 6.0, False, '-')
 MOTION = FreeParameter('motion', 0.0, 1.0, -6.0, 6.0, False, '-')  # of each further kind, by the name of that
 MEDIAN_WARMTH = 0.6745  # of its prior, half a normal one
 SWITCH = FreeParameter('switch', 0.5, 0.288675, -1.73, 1.73, False, '-')  # uniform in the interval: its mean and std
+POWER = FreeParameter('power', 0.0, 0.288675, -1.73, 1.73, False, '-')  # of a rounding step, uniform in it
 HUBER_CORNER = 3.0  # residual, in units of the noise, from which a robust loss grows linearly
 
 
@@ -54,8 +55,8 @@ class Problem:
     `nominal_effects`: names of effects that the model has from the start of a search, which are no findings.
 
     The unknowns z (n,): free parameters, delay, then per run its starts (one per wire), switching fractions and, where these
-    are not known, its ambient temperature and what is left of a motion before it. `differences`: what was found to differ
-    between the recordings.
+    are not known, its ambient temperature, its powers and what is left of a motion before it. `differences`: what was found
+    to differ between the recordings.
     `tempering`: overdispersion k of a model that is known to be wrong; the priors count k^2 times, as if squares were less.
     `delay_range`: of the delay, in z. `material`: of the wires, as it was given, for which values are plausible.
     """
@@ -82,6 +83,7 @@ class Problem:
     def own(self, run: FitData) -> tuple[FreeParameter, ...]:
         """The unknowns of one run."""
         at_rest = (START,) * run.starts + (SWITCH,) * run.groups + (AMBIENT,) * (run.ambient_std > 0.0)
+        at_rest += (POWER,) * len(run.rounded_to)
         kinds = (kind for kind, stds in self.beginning_std(run).parts.items() for _ in stds)
         return at_rest + tuple(WARMTH if kind == WARMTH.name else replace(MOTION, name=kind) for kind in kinds)
 
@@ -129,12 +131,16 @@ class Problem:
         switches = tuple(SWITCH.value(float(x)) for x in part[first:last])
         end = last + (run.ambient_std > 0.0)
         ambient = run.ambient_std * float(part[last:end].sum())
+        known, end = end, end + len(run.rounded_to)
+        powers = tuple(
+            POWER.value(x) * step for x, step in zip(part[known:end].tolist(), run.rounded_to.tolist(), strict=True)
+        )
         beginning = run.known_beginning
         if run.is_in_motion:
             stds = self.beginning_std(run)
             beginning = stds.with_values(std * x for std, x in zip(stds.values, part[end:].tolist(), strict=True))
         delay = 0.0 if run.is_quasi_static else self.delay_at(part)
-        return Nuisance(delay, start, switches, run.is_quasi_static, ambient, beginning)
+        return Nuisance(delay, start, switches, run.is_quasi_static, ambient, beginning, powers)
 
     def delay_at(self, z: Vector) -> float:
         """The delay [s]."""
@@ -397,17 +403,16 @@ def differences_apart(
 ) -> tuple[tuple[int, float, PickledConfig, Nuisance], ...]:
     """Unknowns without tangents, and how far each is moved to where.
 
-    They are the ambient temperature, which is an input, and parameters of effects at their lower bounds, where a tangent may
-    see nothing of an effect that is switched off.
+    They are the ambient temperature and powers, which are inputs, and parameters of effects at their lower bounds, where a
+    tangent may see nothing of an effect that is switched off.
     """
     steps = {
         j: min(part[j] + DEFAULT_STEP, free.high) if part[j] < free.high else free.low  # bounds may be close
         for j, free in enumerate(problem.free)
         if free.name.startswith('effects.') and free.low < free.high and part[j] < free.low + DEFAULT_STEP
     }
-    if run.ambient_std > 0.0:
-        (own,) = problem.places(run, AMBIENT)
-        steps[own] = part[own] + (AMBIENT_STEP if part[own] < 0.0 else -AMBIENT_STEP)
+    for own in (*problem.places(run, AMBIENT), *problem.places(run, POWER)):
+        steps[own] = part[own] + (INPUT_STEP if part[own] < 0.0 else -INPUT_STEP)
     found = []
     for j, there in steps.items():
         at = part.copy()

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sma_sim.evidence.data.recording import Dataset, Recording
-from sma_sim.evidence.estimation.residuals import FitData, beginning_stds, with_late_changes
+from sma_sim.evidence.estimation.residuals import FitData, beginning_stds, steps_of_powers, with_late_changes
 from sma_sim.model.shown import joined_words
 from sma_sim.model.structures.discovery import known_structures
 
@@ -20,7 +20,8 @@ ZERO_PART = 0.05  # of what a channel usually changes by: sensors are set by han
 class RecordingDifference:
     """Something that each recording has its own: the `zeros` of channels, each with its prior (SI); the `ambient`
     temperature; what is left of a motion before it (`in_motion`); how late each command takes effect (`late_commands`);
-    or a wire that gets no power, by the sign of its commands (`unpowered_side`), in some `recordings`.
+    what each power was before it was rounded (`rounded_commands`); or a wire that gets no power, by the sign of its
+    commands (`unpowered_side`), in some `recordings`.
 
     `words` name it.
     """
@@ -30,6 +31,7 @@ class RecordingDifference:
     ambient: bool = False
     in_motion: bool = False
     late_commands: bool = False
+    rounded_commands: bool = False
     unpowered_side: int = 0
     recordings: tuple[str, ...] = ()
 
@@ -46,6 +48,8 @@ class RecordingDifference:
         if self.late_commands:
             source, changed, interval = with_late_changes(run.source, run.changed, run.interval)
             return replace(run, source=source, changed=changed, interval=interval, group=np.arange(len(changed)))
+        if self.rounded_commands:
+            return replace(run, rounded_to=steps_of_powers(run.source))
         return replace(run, unpowered_side=self.unpowered_side) if run.name in self.recordings else run
 
     def in_recording(self, recording: Recording) -> Recording:
@@ -59,6 +63,8 @@ class RecordingDifference:
             return replace(recording, in_motion=True)
         if self.late_commands:
             return replace(recording, late_commands=True)
+        if self.rounded_commands:
+            return replace(recording, rounded_commands=True)
         return replace(recording, unpowered_side=self.unpowered_side) if recording.name in self.recordings else recording
 
 
@@ -70,6 +76,7 @@ def zeros_of(stds: Mapping[str, float]) -> RecordingDifference:
 AMBIENT = RecordingDifference('the ambient temperature', ambient=True)
 IN_MOTION = RecordingDifference('how warm its wires are when it begins', in_motion=True)
 LATE_COMMANDS = RecordingDifference('how late each command takes effect', late_commands=True)
+ROUNDED_COMMANDS = RecordingDifference('the rounding of commands', rounded_commands=True)
 
 
 def with_differences(dataset: Dataset, differences: Collection[RecordingDifference]) -> Dataset:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import inf, isnan, nan
+from math import inf, isclose, isnan, nan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording,
 from sma_sim.evidence.data.rounding import Rounding
 from sma_sim.evidence.estimation.prepared_fit import check_data
 from sma_sim.model.argument_checks import check_fields, checked
-from sma_sim.model.arrays import Vector
+from sma_sim.model.arrays import Mask, Vector
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import known_structures
@@ -39,6 +39,7 @@ USUAL_TIME = 1.0  # [s] of a motion of wires in air
 SOFTEST = 1.5e10  # [Pa] of wires: a strain that was set to zero under load lacks no more than stress over this
 LATENESS = 0.2  # [s] between commands that take effect soonest and latest, as messages of a busy computer do
 MAX_SWITCHES = 24  # with more changes of the command than this, all share one fraction
+DIGITS = 3  # of powers that may have been rounded: with more they are known to a thousandth, which no sensor shows
 SOLVER_NOISE = 0.3  # error of a sample in units of rtol times the channel's size (docs/explanation/calibration.md)
 HIDDEN = 0.02  # of the noise, below which errors of the solver explain nothing that a fit could take for an effect
 # Steps of a run in a search, beyond which its parameters are hopeless: in all, by second, by row of the input; and times
@@ -69,7 +70,9 @@ class FitData:
     (channels, k): what the weighted residuals of a run are more than those of one under the
     smoothed command, at a point nearby; without it runs are made row by row. `floor_shares`: by channel, the part of the
     variance of the noise that is what repeated experiments differ by; empty where that is not known. `rounding`: by channel
-    whose rounding noise does not hide. `noise`: by channel whose noise is known to be correlated.
+    whose rounding noise does not hide. `noise`: by channel whose noise is known to be correlated. `rounded_to`
+    (powers,): multiples of what [W] the powers that were commanded, one after the other, were rounded to; empty where they
+    are known.
     """
 
     name: str
@@ -98,6 +101,7 @@ class FitData:
     known_beginning: Beginning = AT_REST
     rounding: Mapping[str, Rounding] = field(default_factory=dict)
     noise: Mapping[str, NoiseProcess] = field(default_factory=dict)
+    rounded_to: Vector = field(default_factory=lambda: np.zeros(0))
     _last_plan: list[tuple[Nuisance, Plan]] = field(init=False, repr=False, compare=False, default_factory=list)
 
     @property
@@ -144,6 +148,8 @@ class Nuisance:
         By how much the ambient temperature was above that of the source [K].
     beginning : Beginning
         What is left at its start of a motion before it; by default the run begins at rest.
+    powers : tuple of float
+        Of the powers that were commanded, one after the other, by how much each was more than is written [W].
     """
 
     delay: float = 0.0
@@ -152,6 +158,7 @@ class Nuisance:
     unknown_zero: bool = False
     ambient: float = 0.0
     beginning: Beginning = AT_REST
+    powers: tuple[float, ...] = ()
 
 
 def hidden_rtol(dataset: Dataset) -> float:
@@ -217,6 +224,7 @@ def fit_data(
         starts=0 if structure.is_quasi_static else structure.wires,
         beginning_std=beginning_stds(structure) if recording.in_motion else AT_REST,
         rounding=recording.rounding,
+        rounded_to=steps_of_powers(source) if recording.rounded_commands else np.zeros(0),
     )
 
 
@@ -310,6 +318,31 @@ def with_late_changes(source: Input, changed: Vector, interval: Vector) -> tuple
     return source, times, np.minimum(found, np.diff(times, prepend=source.times[0]))
 
 
+def steps_of_powers(source: Input) -> Vector:
+    """To multiples of what [W] the powers of an input, one after the other, may have been rounded, (powers,); none where
+    they are written with more digits than rounding would leave to be seen, or where they are too many to be estimated.
+
+    All may have as many decimals as the one with most, or as many digits: what is coarser of these rounded it.
+    """
+    command = np.asarray(source.values, float)[:, command_column(source)]
+    written = command[powered_rows(command)]
+    if not 0 < len(written) <= MAX_SWITCHES:
+        return np.zeros(0)
+    decimals = np.array([next(n for n in range(-9, 330) if isclose(x, round(x, n))) for x in written.tolist()], dtype=float)
+    before_point = np.floor(np.log10(np.abs(written))) + 1.0
+    digits = (before_point + decimals).max()
+    if digits > DIGITS:
+        return np.zeros(0)
+    steps: Vector = np.maximum(10.0 ** -decimals.max(), 10.0 ** (before_point - digits))
+    return steps
+
+
+def powered_rows(command: Vector) -> Mask:
+    """Which rows of a command (k,) begin another power than none."""
+    begins: Mask = np.append(True, np.diff(command) != 0.0) & (command != 0.0)
+    return begins
+
+
 def command_column(source: Input) -> int:
     """Where the electrical command is among the columns of an input."""
     return len(source.linear) - 2
@@ -333,6 +366,16 @@ def with_switches(run: FitData, switches: Sequence[float]) -> Input:
         values[:, k] = np.interp(times, source.times, source.values[:, k])
     values[:, command_column(source)] = level[np.searchsorted(moved, times, side='right')]
     return without_repeats(Input(times, values, source.linear, source.names))
+
+
+def with_powers(source: Input, powers: Sequence[float]) -> Input:
+    """The input with its powers, one after the other, by so much more than is written [W]."""
+    if not len(powers):
+        return source
+    values, column = source.values.copy(), command_column(source)
+    command = values[:, column].copy()
+    values[:, column] += np.where(command != 0.0, np.append(powers, 0.0)[np.cumsum(powered_rows(command)) - 1], 0.0)
+    return Input(source.times, values, source.linear, source.names)
 
 
 def effective_input(source: Input, unpowered_side: int, ambient: float) -> Input:
@@ -483,7 +526,8 @@ def planned_run(run: FitData, nuisance: Nuisance) -> Plan:
         if known == nuisance:
             return plan
     times = run.time - nuisance.delay
-    source = effective_input(with_switches(run, nuisance.switches), run.unpowered_side, nuisance.ambient)
+    commanded = with_powers(with_switches(run, nuisance.switches), nuisance.powers)
+    source = effective_input(commanded, run.unpowered_side, nuisance.ambient)
     early = int(np.searchsorted(times, source.times[0], side='right'))
     asked = np.concatenate([source.times[:1], times[early:]])
     plan = source, asked, np.maximum(np.arange(len(times)) - early + 1, 0)

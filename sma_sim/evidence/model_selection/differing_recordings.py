@@ -1,5 +1,5 @@
 """What may differ between the recordings of a campaign: zeros of sensors, the ambient temperature, how late commands take
-effect, a wire without power.
+effect, what they were before they were rounded, a wire without power.
 
 Each recording has its own.
 """
@@ -11,10 +11,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from sma_sim.evidence.estimation.free_parameters import FreeParameter
 from sma_sim.evidence.estimation.motion_before import motion_before
 from sma_sim.evidence.estimation.problem import AMBIENT as ROOM
 from sma_sim.evidence.estimation.problem import (
-    AMBIENT_STEP,
+    INPUT_STEP,
+    POWER,
     SWITCH,
     LinearizedRun,
     Problem,
@@ -27,6 +29,7 @@ from sma_sim.evidence.estimation.recording_differences import (
     AMBIENT,
     IN_MOTION,
     LATE_COMMANDS,
+    ROUNDED_COMMANDS,
     ZERO_PART,
     RecordingDifference,
     zeros_of,
@@ -53,7 +56,8 @@ def promises(problem: Problem, z: Vector, context: SearchContext) -> dict[Record
         return moving
     project = Projection(linear, len(z), problem.tempering)
     found = promised_zeros(problem, project)
-    others = {LATE_COMMANDS: responses_to_lateness(problem, z, context)}
+    of_commands = {LATE_COMMANDS: SWITCH, ROUNDED_COMMANDS: POWER}
+    others = {one: responses_of_commands(problem, z, one, unknown, context) for one, unknown in of_commands.items()}
     if not problem.differences:
         others[AMBIENT] = responses_to_ambient(problem, z, linear, context)
     found |= {one: gain(*project.products_of_runs(responses)) for one, responses in others.items() if responses}
@@ -98,19 +102,21 @@ def responses_to_ambient(
     model cannot be run."""
     differing, start = with_difference(problem, z, AMBIENT)
     for own, run in zip(differing.indices(), differing.runs, strict=True):
-        start[own[differing.places(run, ROOM)]] = AMBIENT_STEP
+        start[own[differing.places(run, ROOM)]] = INPUT_STEP
     moved = residuals_at(differing, start, context.pool)
     pairs = zip(moved, linear, strict=True)
-    changes = [((there - run.residuals) / AMBIENT_STEP).reshape(1, -1) for there, run in pairs if there is not None]
+    changes = [((there - run.residuals) / INPUT_STEP).reshape(1, -1) for there, run in pairs if there is not None]
     return changes if len(changes) == len(linear) else []
 
 
-def responses_to_lateness(problem: Problem, z: Vector, context: SearchContext) -> list[Matrix]:
-    """The change of each run's residuals, (commands, values), by one standard deviation of when each of its commands takes
-    effect; none where they know that, where they have too many, or where the model cannot be run."""
-    differing, start = with_difference(problem, z, LATE_COMMANDS)
-    changes = [run.groups for run in differing.runs]
-    if LATE_COMMANDS in problem.differences or max(changes) > MAX_SWITCHES or not any(changes):
+def responses_of_commands(
+    problem: Problem, z: Vector, difference: RecordingDifference, unknown: FreeParameter, context: SearchContext
+) -> list[Matrix]:
+    """The change of each run's residuals, (commands, values), by one standard deviation of an unknown of each of its
+    commands; none where these are known, where they are too many, or where the model cannot be run."""
+    differing, start = with_difference(problem, z, difference)
+    counts = [len(differing.places(run, unknown)) for run in differing.runs]
+    if difference in problem.differences or max(counts) > MAX_SWITCHES or not any(counts):
         return []
     at = len(problem.shared)
     moving = replace(differing, config=problem.fitted(z), free=(), delay=differing.delay_at(start))
@@ -119,8 +125,8 @@ def responses_to_lateness(problem: Problem, z: Vector, context: SearchContext) -
     except SimulationError:
         return []
     return [
-        there.jacobian[moving.places(run, SWITCH)].reshape(run.groups, run.measured.size)
-        for there, run in zip(linear, moving.runs, strict=True)
+        there.jacobian[moving.places(run, unknown)].reshape(count, run.measured.size)
+        for there, run, count in zip(linear, moving.runs, counts, strict=True)
     ]
 
 

@@ -26,7 +26,7 @@ from sma_sim.model.effects.scope import SEPARATOR
 from sma_sim.solver.inputs import Input
 
 NEUTRAL = 1e-9  # distance from a neutral value, in standard deviations of the prior, that is rounding
-NO_ZEROS = 6  # kinds of differences beside one zero: several, ambient, motion before, late commands, power of either side
+NO_ZEROS = 7  # kinds beside one zero: several, ambient, motion before, commands late or rounded, power of either side
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ def is_powered(source: Input) -> bool:
 
 def difference_component(difference: RecordingDifference, problem: Problem) -> Component:
     """What differs between recordings, among all kinds of it: zeros of one channel or of any several, ambient temperature,
-    late commands, power of a side."""
+    late commands, rounded ones, power of a side."""
     channels = sum(any(name in run.channels for run in problem.runs) for name in CHANNEL_COLUMNS)
     which = channels * log(2.0) if len(difference.zeros) > 1 else 0.0
     return Component(difference.words, -SPARSITY - log(channels + NO_ZEROS) - which, difference)
