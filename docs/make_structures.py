@@ -94,7 +94,7 @@ def main() -> None:
 
 def model_of(structure: Structure) -> Model:
     """A structure at its default parameters."""
-    return Model(Config(system=structure.name, own_structure=structure if structure.files else None))
+    return Model(Config(system=structure))
 
 
 if __name__ == '__main__':

@@ -19,9 +19,11 @@ import sma_sim
 from sma_sim import Config, Dataset, FitOptions, Model, Recording, UserError, module_input, simulate
 from sma_sim.control import PredictiveController
 from sma_sim.evidence.estimation.calibrate import LimitReached
+from sma_sim.evidence.symbolic_regression.locations import locations_of_hook
 from sma_sim.guard import Guard
 from sma_sim.model.archive import MOVED, resolved
 from sma_sim.model.progress import ProgressLine
+from sma_sim.model.structures.discovery import KNOWN
 from sma_sim.observer import Observer
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -177,6 +179,25 @@ def test_effects_and_structures_go_on_in_the_old_spelling_with_a_warning():
         assert replace(active, found=sma_sim.effects.radiation).effect.name == 'radiation'
         assert sma_sim.find_structures()['module'].structure is structure.structure is sma_sim.structures.module
     assert __file__ in {warning.filename for warning in told} and len(told) == 6
+
+
+def test_terms_of_equations_know_a_structure_that_is_in_no_file():
+    assert {one.variable for one in locations_of_hook('structure_force', pusher())} == {'x'}
+
+
+def test_a_structure_that_is_named_later_changes_no_recording_of_another():
+    heating = sma_sim.Input([0.0, 1.0, 4.0], [[0.0, 298.0], [0.6, 298.0], [0.0, 298.0]], (False, False), ('J_W', 'T_E_K'))
+    config = Config(system=pusher())
+    run = simulate(config, heating, 20.0)
+    recorded = Dataset(Recording('own', 'pusher', run.time, {'x': run['x_m']}, heating), {'x': 1e-6})
+    before, (x,) = sma_sim.compare(recorded, config), pusher().coordinates
+    try:
+        Config(system=replace(pusher(), name='twister', coordinates=(replace(x, unit='rad'),)))
+        assert sma_sim.compare(recorded, config) == before
+        assert 'x_m' in str(recorded) and 'x_m' in str(recorded.recordings[0])
+    finally:
+        for name in ('twister', 'twister_at_T'):
+            KNOWN.pop(name, None)
 
 
 def test_a_file_runs_no_code_and_says_what_it_lacks(tmp_path):

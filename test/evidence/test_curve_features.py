@@ -112,10 +112,8 @@ def test_isobaric_tests_are_read_from_recordings_by_stress():
     for name, stress in (('high', 2e8), ('low', 1e8)):
         values = np.column_stack([np.full(len(T), stress), T, np.zeros(len(T)), np.full(len(T), 298.0)])
         source = SimpleNamespace(times=times, values=values)
-        runs.append(
-            SimpleNamespace(name=name, system=structure.name, time=times, channels={'strain': strain}, source=source)
-        )
-    runs.append(SimpleNamespace(name='blind', system=structure.name, channels={}, source=source, time=times))
+        runs.append(SimpleNamespace(name=name, structure=structure, time=times, channels={'strain': strain}, source=source))
+    runs.append(SimpleNamespace(name='blind', structure=structure, channels={}, source=source, time=times))
     found = isobaric_tests(SimpleNamespace(recordings=tuple(runs)))
     assert [test.name for test in found] == ['low', 'high'] and found[0].temperatures[0] == pytest.approx(300.0, abs=0.6)
     lines = isobaric_as_text(found)

@@ -244,7 +244,7 @@ def test_values_that_data_leave_open_are_those_of_a_fit_with_the_same_effects():
         start = multistart_search(prepare(fitted, bare, 'hybrid'), options, context)
         start = replace(start, problem=replace(start.problem, nominal_effects=('smooth_transformation',)))
         found = candidate_of(find_effects()['stress_dependent_transformation_strain'])
-        screened = ScreeningResult(found, 0.0, {p.name: p.default for p in found.parameters})
+        screened = ScreeningResult(found, 0.0, {p.name: p.default for p in found.effect.parameters})
         searched = refit(*with_candidate(start, screened), context, SETTLED)
         data = conclusion.StageData(fitted, below, options)
         before = pooled_error(data.predicted(searched, context))[0]

@@ -13,9 +13,6 @@ from sma_sim.evidence.data.at_rest import early_motion
 from sma_sim.evidence.data.imposed import without_noise
 from sma_sim.evidence.data.noise import estimate_noise
 from sma_sim.evidence.data.recording import (
-    CHANNEL_COLUMNS,
-    CHANNELS_OF,
-    INPUT_COLUMNS,
     NEEDED_COLUMNS,
     STD_SUFFIX,
     Recording,
@@ -94,9 +91,9 @@ def recordings_from_columns(
     check_required_columns(file, columns)
     drop_rows_without_time(file, columns, notes)
     discard_infinities(columns, notes)
-    sampled = sampled_rows(file.system, columns)
+    sampled = sampled_rows(file.structure, columns)
     if not sampled.any():
-        measurable = ', '.join(CHANNEL_COLUMNS[channel] for channel in CHANNELS_OF[file.system])
+        measurable = ', '.join(file.structure.channel_columns)
         raise NothingMeasuredError(f'{file.path}: nothing measured in it; expected some of the columns {measurable}')
     sessions, order_notes = ordered_sessions(file.path, columns['time_s'], sampled)
     notes += order_notes
@@ -144,12 +141,12 @@ def discard_infinities(columns: dict[str, Vector], notes: list[str]) -> None:
             values[infinite] = np.nan
 
 
-def sampled_rows(system: str, columns: Mapping[str, Vector]) -> NDArray[np.bool_]:
+def sampled_rows(structure: Structure, columns: Mapping[str, Vector]) -> NDArray[np.bool_]:
     """Which rows hold a measured cell."""
     sampled = np.zeros(len(columns['time_s']), dtype=bool)
-    for channel in CHANNELS_OF[system]:
-        if CHANNEL_COLUMNS[channel] in columns:
-            sampled |= np.isfinite(columns[CHANNEL_COLUMNS[channel]])
+    for column in structure.channel_columns:
+        if column in columns:
+            sampled |= np.isfinite(columns[column])
     return sampled
 
 
@@ -162,7 +159,7 @@ def session_recording(file: SourceFile, name: str, columns: dict[str, Vector], n
     """One session, its times in order. Raises UserError."""
     notes = list(notes)
     fill_inputs(file, columns, notes)
-    sampled = sampled_rows(file.system, columns)
+    sampled = sampled_rows(file.structure, columns)
     command = commanded(file, columns)
     changes, is_exact = command_changes(columns['time_s'], command, sampled)
     exact = file.stamped or bool(is_exact.all())
@@ -226,7 +223,7 @@ def fill_inputs(file: SourceFile, columns: dict[str, Vector], notes: list[str]) 
     for name in file.heating if not file.stamped else ():  # what has a stamp of its own was commanded
         discard_spikes(name, columns, notes)
     first = 0
-    for name in INPUT_COLUMNS[file.system][1:]:
+    for name in file.structure.input_columns:
         values = columns[name]
         how = 'interpolated' if name in file.imposed else 'the value before holds'
         empty = int(np.isnan(values).sum())
@@ -241,7 +238,7 @@ def fill_inputs(file: SourceFile, columns: dict[str, Vector], notes: list[str]) 
             notes.append(f'{name}: {counted(empty - unknown, "row")} without a value: {how}')
         first = max(first, unknown)
     drop_rows_before_input(file, columns, first, notes)
-    for name in INPUT_COLUMNS[file.system][1:]:
+    for name in file.structure.input_columns:
         check_unit(file.path, name, columns[name], file.column_of(name))
     for name in file.heating:
         if not file.structure.antagonistic and (columns[name] < 0.0).any():
@@ -336,7 +333,7 @@ def merge_equal_times(file: SourceFile, columns: dict[str, Vector], notes: list[
     for name, values in columns.items():
         if name.endswith(STD_SUFFIX):
             columns[name], _ = first_finite(values, starts)
-        elif name in CHANNEL_COLUMNS.values():
+        elif name in file.structure.channel_columns:
             columns[name], dropped = first_finite(values, starts)
             repeated = max(repeated, dropped)
             check_resolution_of_time(file, values, columns[name], starts)
@@ -359,7 +356,7 @@ def check_resolution_of_time(file: SourceFile, values: Vector, kept: Vector, sta
 
 def input_from_columns(file: SourceFile, columns: Mapping[str, Vector]) -> Input:
     """The input: all rows where something is imposed, which is linear between rows; else those at which one changed."""
-    names = INPUT_COLUMNS[file.system][1:]
+    names = file.structure.input_columns
     keep: NDArray[np.bool_] | slice = slice(None)
     if not file.imposed:
         keep = rows_with_changes([columns[name] for name in names])
@@ -371,8 +368,8 @@ def measured_channels(
     file: SourceFile, columns: dict[str, Vector], notes: list[str]
 ) -> tuple[Vector, dict[str, Vector], dict[str, Vector]]:
     """Times and channels of the rows that hold a measurement, outliers taken out, and their noise where the file has it."""
-    names = {CHANNEL_COLUMNS[channel]: channel for channel in CHANNELS_OF[file.system]}
-    sampled = sampled_rows(file.system, columns)
+    names = dict(zip(file.structure.channel_columns, file.structure.channels, strict=True))
+    sampled = sampled_rows(file.structure, columns)
     time = columns['time_s'][sampled] if not sampled.all() else columns['time_s']
     channels, stds = dict[str, Vector](), dict[str, Vector]()
     for name, channel in names.items():
@@ -386,7 +383,7 @@ def measured_channels(
         if (noise := columns.pop(name + STD_SUFFIX, None)) is not None:
             stds[channel] = noise[sampled]
     notes += gap_notes(time, channels) + rate_note(time, channels)
-    usual = [channel for channel in CHANNELS_OF[file.system] if not is_resistance(channel)]
+    usual = [channel for channel in file.structure.channels if not is_resistance(channel)]
     missing = [channel for channel in usual if channel not in channels]
     if missing:
         notes.append(f'not measured: {", ".join(missing)}')

@@ -9,7 +9,6 @@ import numpy as np
 from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.data.recording import Recording
 from sma_sim.model.arrays import Vector
-from sma_sim.model.structures.discovery import known_structures
 from sma_sim.solver.inputs import Input
 
 MIN_RESTING = 10  # samples that tell where a robot rests, and that it has left
@@ -65,13 +64,12 @@ def different_beginnings(recordings: Sequence[Recording]) -> list[str]:
     """Notes where recordings of one robot begin at clearly different coordinates, or a wire is clearly warmer than the air:
     as those do that are cut out of a long one, or follow each other too soon."""
     notes = list[str]()
-    for system in dict.fromkeys(one.system for one in recordings):
-        structure = known_structures()[system]
+    for structure in dict.fromkeys(one.structure for one in recordings):
         for channel in structure.channels if structure.imposed_temperature < 0 else ():
             is_temperature = channel.partition('_')[0] == 'T'
             if not is_temperature and channel not in structure.coordinate_names:
                 continue
-            having = [one for one in recordings if one.system == system and channel in one.channels]
+            having = [one for one in recordings if one.system == structure.name and channel in one.channels]
             runs = [one for one in having if channel not in one.zero_std and np.isfinite(one.channels[channel]).any()]
             if not runs:
                 continue

@@ -23,8 +23,7 @@ class DisplayUnits(dict[str, tuple[str, float]]):
     def __missing__(self, channel: str) -> tuple[str, float]:
         column = CHANNEL_COLUMNS[channel]
         suffix = column.removeprefix(channel).removeprefix('_')
-        self[channel] = BY_SUFFIX.get(suffix, (suffix, 1.0)) if suffix else ('%', 100.0)
-        return self[channel]
+        return BY_SUFFIX.get(suffix, (suffix, 1.0)) if suffix else ('%', 100.0)
 
 
 # By channel: the unit, and what an SI value is multiplied by.

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from sma_sim.evidence.data.noise import difference_scale
 from sma_sim.evidence.data.recording import Recording
 from sma_sim.model.arrays import Vector
-from sma_sim.model.structures.discovery import known_structures
 from sma_sim.solver.inputs import Input
 
 GRID = 200  # temperatures to which one way is interpolated
@@ -74,7 +73,7 @@ def turning_rows(T: Vector, back: float | None = None) -> list[int]:
 
 def first_cycles(recording: Recording) -> Recording:
     """A quasi-static test up to where its cycles only repeat, after FIRST_CYCLES at least; any other recording as it is."""
-    structure, source = known_structures()[recording.system], recording.source
+    structure, source = recording.structure, recording.source
     values, count = np.asarray(source.values, float), len(structure.drives)
     is_set = structure.is_quasi_static and not np.ptp(values[:, count:], axis=0).any()  # by its drives alone
     last = last_new_row(values[:, :count]) if is_set else 0
@@ -120,7 +119,7 @@ def temperature_noise(recording: Recording) -> float:
 
     Else as thermocouples let it, but no more than third differences leave: they see all noise, and steps that differ.
     """
-    drive = known_structures()[recording.system].imposed_temperature
+    drive = recording.structure.imposed_temperature
     T = np.asarray(recording.source.values, float)[:, drive]
     most = difference_scale(np.arange(float(len(T))), T) or 0.0
     return recording.imposed_std.get('T_K', min(ACCURACY, most))
@@ -128,7 +127,7 @@ def temperature_noise(recording: Recording) -> float:
 
 def temperatures_at_samples(recording: Recording, known: NDArray[np.intp]) -> Vector:
     """The imposed temperature [K] at some samples of a recording."""
-    source, drive = recording.source, known_structures()[recording.system].imposed_temperature
+    source, drive = recording.source, recording.structure.imposed_temperature
     T: Vector = np.interp(recording.time[known], source.times, np.asarray(source.values, float)[:, drive])
     return T
 

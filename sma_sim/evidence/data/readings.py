@@ -18,7 +18,6 @@ from sma_sim.evidence.data.repeated_values import without_repeated_values
 from sma_sim.evidence.data.rounding import rounding_of
 from sma_sim.evidence.data.varying_noise import VaryingNoise, varying_noise
 from sma_sim.model.arrays import Vector
-from sma_sim.model.structures.discovery import known_structures
 
 
 def with_noise_of_readings(dataset: Dataset) -> Dataset:
@@ -49,7 +48,7 @@ def with_noise_of_readings(dataset: Dataset) -> Dataset:
 
 def with_rounding(recordings: tuple[Recording, ...]) -> tuple[Recording, ...]:
     """The recordings with how their channels were rounded; not of quasi-static tests, whose curves are read from rows."""
-    moving = [one for one in recordings if not known_structures()[one.system].is_quasi_static]
+    moving = [one for one in recordings if not one.structure.is_quasi_static]
     runs: dict[str, list[Vector]] = {}
     known = {name for one in moving for name in (*one.sample_std, *one.rounding)}
     for name, values in (channel for one in moving for channel in one.channels.items() if channel[0] not in known):
@@ -72,7 +71,7 @@ def varying_by_channel(
     Not where that is stated by row or as a part of the size (`relative`), nor where readings are rounded or repeated, whose
     errors differ from row to row by themselves.
     """
-    moving = [one for one in recordings if not known_structures()[one.system].is_quasi_static]
+    moving = [one for one in recordings if not one.structure.is_quasi_static]
     found = dict[str, VaryingNoise]()
     for name, noise in estimates.items():
         own = [one for one in moving if name in one.channels]

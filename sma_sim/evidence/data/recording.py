@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import chain
 from math import inf
 
 import numpy as np
@@ -21,7 +22,7 @@ from sma_sim.model.errors import PhysicsWarning, UserError
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.renamed import renamed
 from sma_sim.model.shown import Shown, listed
-from sma_sim.model.structures.discovery import KNOWN, known_structures
+from sma_sim.model.structures.discovery import known_structures
 from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.inputs import Input, check_columns
 
@@ -45,21 +46,16 @@ class OfSystems(Mapping[str, tuple[str, ...]]):
         return len(known_structures())
 
 
-@lru_cache(1)  # every run of a fit asks
-def columns_of_channels(_: tuple[Structure, ...]) -> dict[str, str]:
-    """The columns of the channels of all structures, of which those of the user's folders are given."""
-    columns: dict[str, str] = {}
-    for system in CHANNELS_OF:
-        structure = known_structures()[system]
-        columns |= dict(zip(structure.channels, structure.channel_columns, strict=True))
-    return columns
-
-
 class ColumnsOfChannels(Mapping[str, str]):
-    """The column of the file contract that holds a measured channel, of all structures that are known by now."""
+    """The column of the file contract that holds a measured channel, of all structures that are known by now.
+
+    For messages and names; what is computed of a recording reads the `columns` of its own structure.
+    """
 
     def _columns(self) -> dict[str, str]:
-        return columns_of_channels(tuple(KNOWN.values()))
+        known = known_structures()
+        every = (zip(known[name].channels, known[name].channel_columns, strict=True) for name in NEEDED_COLUMNS)
+        return dict(chain.from_iterable(every))
 
     def __getitem__(self, channel: str) -> str:
         return self._columns()[channel]
@@ -71,20 +67,23 @@ class ColumnsOfChannels(Mapping[str, str]):
         return len(self._columns())
 
 
-# Columns of the file contract that are read, by system: inputs first, then what is measured there.
-INPUT_COLUMNS = OfSystems(lambda structure: ('time_s', *structure.input_columns))
+# Columns of the file contract that every recording has, by system.
 NEEDED_COLUMNS = OfSystems(lambda structure: ('time_s', *structure.needed_columns))
-CHANNELS_OF = OfSystems(lambda structure: structure.channels)
 CHANNEL_COLUMNS = ColumnsOfChannels()
 STD_SUFFIX = ' std'  # of the column with the noise of each row, while a file is read
 HIDDEN_COLUMN = re.compile(r'(x_M|mode)(_\d+)?')  # no sensor shows them: not compared
 
 
+@lru_cache(64)  # every run of a fit asks
+def columns_of_family(structure: Structure) -> Mapping[str, str]:
+    """By channel of a structure, as they stand in its files, and after them of its other benches: the column."""
+    benches = (structure, *(one for one in known_structures().values() if one.is_like(structure)))
+    return {name: column for one in benches for name, column in zip(one.channels, one.channel_columns, strict=True)}
+
+
 def channels_of_family(system: str) -> list[str]:
     """The channels of a system as they stand in its files; those of its other benches after them."""
-    known = known_structures()
-    family = (known[system], *(one for one in known.values() if one.is_like(known[system])))
-    return list(dict.fromkeys(name for structure in family for name in structure.channels))
+    return list(columns_of_family(known_structures()[system]))
 
 
 def in_order(channels: Collection[str], system: str) -> list[str]:
@@ -169,12 +168,12 @@ class Recording(Shown, Saved, Comparable):
         if self.system not in known_structures():
             hint = suggestion(self.system, known_structures())
             raise UserError(
-                f'recording {self.name}: system {self.system!r}{hint}; expected one of {", ".join(INPUT_COLUMNS)}'
+                f'recording {self.name}: system {self.system!r}{hint}; expected one of {", ".join(NEEDED_COLUMNS)}'
             )
         time = as_array(f'recording {self.name}, time', self.time)
         if time.ndim != 1 or not (np.diff(time) > 0.0).all():
             raise UserError(f'recording {self.name}: time (k,) [s] must increase, got an array of shape {time.shape}')
-        known = channels_of_family(self.system)
+        known = list(self.columns)
         for name, values in self.channels.items():
             if name not in known:
                 raise UserError(
@@ -185,14 +184,14 @@ class Recording(Shown, Saved, Comparable):
                     f'recording {self.name}, channel {name}: expected {len(time)} samples as there are times, '
                     f'got an array of shape {np.shape(values)}'
                 )
-        check_columns(known_structures()[self.system], self.source)
+        check_columns(self.structure, self.source)
         first, last = self.source.times[0], self.source.times[-1]
         if len(time) and np.mean((time < first) | (time > last)) > MAX_OUTSIDE:
             raise UserError(
                 f'recording {self.name}: time goes from {time[0]:g} to {time[-1]:g} s, source from {first:g} to {last:g} s; '
                 'expected a source that covers most samples, in seconds as they are'
             )
-        drives = known_structures()[self.system].input_columns
+        drives = self.structure.input_columns
         for field_name, by, names in (
             ('zero_std', 'channel', known),
             ('drift_std', 'channel', known),
@@ -228,22 +227,32 @@ class Recording(Shown, Saved, Comparable):
                 raise UserError(
                     f'recording {self.name}, channel {name}: expected numbers, and NaN where a sample is missing'
                 )
-            column = CHANNEL_COLUMNS[name]
+            column = self.columns[name]
             if column.endswith('_K') and (words := array_mismatch(column, values)):  # a diagnosis corrects other units
                 raise UserError(f'recording {self.name}, channel {name}: {words}')
         object.__setattr__(self, 'time', time)
         object.__setattr__(self, 'channels', {name: numbers[name] for name in known if name in numbers})
-        doubts, structure = [words] if (words := self.unit_mismatch()) else [], known_structures()[self.system]
+        doubts, structure = [words] if (words := self.unit_mismatch()) else [], self.structure
         if structure.coordinates and structure.imposed_temperature < 0 and len(time) > 1:
             doubts += [f'recording {self.name}: {note}' for note in slow_sampling(time) if note not in self.notes]
         for doubt in doubts:
             warnings.warn(doubt, PhysicsWarning, stacklevel=4)  # at the line that calls `Recording`
 
+    @property
+    def structure(self) -> Structure:
+        """What its wires pull on."""
+        return known_structures()[self.system]
+
+    @property
+    def columns(self) -> Mapping[str, str]:
+        """The columns of all channels that it may have, by channel."""
+        return columns_of_family(self.structure)
+
     def unit_mismatch(self) -> str:
         """Where numbers cannot be in SI units, as it is for files, and what converts them; single outliers aside."""
-        names, source = known_structures()[self.system].input_columns, self.source
+        names, source = self.structure.input_columns, self.source
         columns = [('time', 'time_s', self.time, False)]
-        columns += [(f'channel {name}', CHANNEL_COLUMNS[name], values, True) for name, values in self.channels.items()]
+        columns += [(f'channel {name}', self.columns[name], values, True) for name, values in self.channels.items()]
         inputs = zip(names, source.values.T, source.linear, strict=True)
         columns += [(f'source, {name}', name, values, is_measured) for name, values, is_measured in inputs]
         for where, name, values, is_measured in columns:
@@ -255,7 +264,7 @@ class Recording(Shown, Saved, Comparable):
         """What is to be known at a glance."""
         first, last = (float(self.time[k]) if len(self.time) else float('nan') for k in (0, -1))
         found = {'name': self.name, 'system': self.system, 'samples': f'{len(self.time)} from {first:g} to {last:g} s'}
-        found['channels'] = ', '.join(CHANNEL_COLUMNS[name] for name in self.channels)
+        found['channels'] = ', '.join(self.columns[name] for name in self.channels)
         return found | ({'notes': '; '.join(self.notes)} if self.notes else {})
 
 
@@ -338,6 +347,6 @@ class Dataset(Shown, Saved, Comparable):
         """What is to be known at a glance."""
         if not self.recordings:
             return {'recordings': 'none'}
-        names = listed(recording.name for recording in self.recordings)
-        noise = (f'{CHANNEL_COLUMNS[name]} {self.noise_std[name]:.3g}' for name in in_order(self.noise_std, self.system))
+        columns, names = self.recordings[0].columns, listed(recording.name for recording in self.recordings)
+        noise = (f'{columns[name]} {self.noise_std[name]:.3g}' for name in in_order(self.noise_std, self.system))
         return {'system': self.system, 'recordings': f'{len(self.recordings)} ({names})', 'noise (std)': listed(noise)}

@@ -18,7 +18,7 @@ from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.data.noise import Noise, noise_by_channel
 from sma_sim.evidence.data.quasi_static import ACCURACY, noise_over_temperature, slopes_over_temperature, temperature_noise
 from sma_sim.evidence.data.readings import varying_by_channel, with_rounding, with_varying_noise
-from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, CHANNELS_OF, Dataset, Recording, has_same_samples, in_order
+from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording, has_same_samples, in_order
 from sma_sim.evidence.data.repeatability import levels_of_noise, relative_noise, with_bench
 from sma_sim.evidence.data.repeated_values import without_constant_channels, without_repeated_values
 from sma_sim.evidence.data.rosbag.bag_files import is_bag
@@ -91,7 +91,7 @@ def read_dataset(
     """
     files_and_folders = [Path(paths)] if isinstance(paths, str | Path) else [Path(path) for path in paths]
     columns = column_map_for(system, None if mapping is None else Path(mapping))
-    channels = tuple(dict.fromkeys((*CHANNELS_OF[system], *CHANNELS)))
+    channels = tuple(dict.fromkeys((*known_structures()[system].channels, *CHANNELS)))
     given = checked_noise((noise_std or {}).items(), 'noise_std', channels)
     notes: list[str] = []
     files = unique_files(files_and_folders, notes)
@@ -111,7 +111,7 @@ def read_dataset(
     recordings = tuple(map(partial(without_sample_noise, channels=given), recordings))
     recordings = with_rounding(recordings)
     estimates = noise_by_channel(recordings)
-    varying = varying_by_channel(recordings, estimates, stated, relative_noise(columns.of_bench()))
+    varying = varying_by_channel(recordings, estimates, stated, relative_noise(columns.of_bench(), recordings))
     estimates |= {name: replace(estimates[name], std=one.std) for name, one in varying.items()}
     noise = dataset_noise(recordings, stated, estimates, notes)
     recordings = with_varying_noise(recordings, noise, varying, notes)
@@ -308,7 +308,7 @@ def with_temperature_error(
     tests = [
         one
         for one in recordings
-        if known_structures()[one.system].is_quasi_static and channel in one.channels
+        if one.structure.is_quasi_static and channel in one.channels
         if channel in one.sample_std or not stated
     ]
     squares = [

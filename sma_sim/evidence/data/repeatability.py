@@ -7,7 +7,7 @@ are independent, each with noise and floor together, and priors keep the weight 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from math import hypot, sqrt
@@ -16,10 +16,9 @@ import numpy as np
 
 from sma_sim.evidence.data.column_map import INDEPENDENT_AFTER, ColumnMap
 from sma_sim.evidence.data.display_units import in_display_unit
-from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording
+from sma_sim.evidence.data.recording import Dataset, Recording
 from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
-from sma_sim.model.structures.discovery import known_structures
 
 SAME_COMMAND = 0.02  # of the energy that was commanded: two recordings repeat each other as long as it differs by less
 AMBIENT = 'T_E_K'  # the column whose zero is that of the ambient temperature of each recording
@@ -39,7 +38,7 @@ class Repeatability:
 
 def with_bench(dataset: Dataset, mapping: ColumnMap) -> Dataset:
     """The dataset with what its map says of the bench, and notes on it. Raises UserError."""
-    channels = {column: name for name, column in CHANNEL_COLUMNS.items()}
+    channels = channels_in(dataset.recordings)
     stated = {name: entry for name, entry in mapping.origins.items() if entry.zero_std or entry.drift_std or entry.floor}
     room = stated.get(AMBIENT)
     ambient_std = stated.pop(AMBIENT).zero_std if room and room.unknown == (room.zero_std, 0.0, 0.0) else 0.0
@@ -57,13 +56,17 @@ def with_bench(dataset: Dataset, mapping: ColumnMap) -> Dataset:
             f'the map {mapping.path}: a floor needs {INDEPENDENT_AFTER}, the time in seconds for which what '
             'repeated experiments differ by lasts'
         )
-    relative = relative_noise(mapping)
+    relative = relative_noise(mapping, dataset.recordings)
     drifts = {channels[name]: entry.drift_std for name, entry in stated.items() if entry.drift_std}
     dataset, recordings = replace(dataset, nuisances=mapping.nuisances), dataset.recordings
     if zeros or drifts or ambient_std:
-        is_imposed = {one.system: known_structures()[one.system].imposed_temperature >= 0 for one in recordings}
         recordings = tuple(
-            replace(one, zero_std=zeros, drift_std=drifts, ambient_std=0.0 if is_imposed[one.system] else ambient_std)
+            replace(
+                one,
+                zero_std=zeros,
+                drift_std=drifts,
+                ambient_std=0.0 if one.structure.imposed_temperature >= 0 else ambient_std,
+            )
             for one in recordings
         )
     known = dataset.noise_std
@@ -79,9 +82,14 @@ def with_bench(dataset: Dataset, mapping: ColumnMap) -> Dataset:
     return replace(dataset, recordings=kept, noise_std=noise, notes=tuple(notes), floor=floor)
 
 
-def relative_noise(mapping: ColumnMap) -> dict[str, float]:
-    """By channel of which a map says that its noise is relative to its size, by which part."""
-    channels = {column: name for name, column in CHANNEL_COLUMNS.items()}
+def channels_in(recordings: Iterable[Recording]) -> dict[str, str]:
+    """By column, the channels that some recordings may have."""
+    return {column: name for recording in recordings for name, column in recording.columns.items()}
+
+
+def relative_noise(mapping: ColumnMap, recordings: Iterable[Recording]) -> dict[str, float]:
+    """By channel of recordings, of which a map says that its noise is relative to its size, by which part."""
+    channels = channels_in(recordings)
     return {channels[name]: entry.relative_std for name, entry in mapping.origins.items() if entry.relative_std}
 
 

@@ -16,7 +16,6 @@ from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.data.noise import Noise
 from sma_sim.evidence.data.recording import Dataset, Recording
 from sma_sim.model.arrays import Vector
-from sma_sim.model.structures.discovery import known_structures
 
 EDGE = 9  # stretches of equal values side by side
 SHORT = 0.1  # of the longest of these: what noise makes at the edge of two steps is shorter
@@ -103,7 +102,7 @@ def with_repeated_levels(recordings: Sequence[Recording], noise: Mapping[str, fl
 def is_thinned(recording: Recording, channel: str) -> bool:
     """Whether rows of a channel that repeat a value may be left out."""
     own = channel in recording.channels and channel not in recording.sample_std
-    return own and not known_structures()[recording.system].is_quasi_static
+    return own and not recording.structure.is_quasi_static
 
 
 def is_new(values: Vector, held: bool) -> NDArray[np.bool_]:

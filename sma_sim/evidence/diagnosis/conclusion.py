@@ -44,7 +44,6 @@ from sma_sim.evidence.search.refine import TIE
 from sma_sim.evidence.search.score import evidence_at, evidence_of
 from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
-from sma_sim.model.structures.discovery import known_structures
 from sma_sim.solver.simulate import SimulationError
 
 
@@ -258,7 +257,7 @@ class StageData:
         """The normalized RMSE above which something is missing that no accepted effect explains: of isobaric tests, whose
         noise is far less than a model of one homogeneous wire can follow, at least a part of what strain spans."""
         recordings, noise = self.training.recordings, self.training.noise_std.get('strain')
-        if noise is None or not all(known_structures()[one.system].is_quasi_static for one in recordings):
+        if noise is None or not all(one.structure.is_quasi_static for one in recordings):
             return CRITERIA.unexplained
         strains = [one.channels['strain'] for one in recordings if 'strain' in one.channels]
         span = max(float(np.nanmax(strain) - np.nanmin(strain)) for strain in strains)

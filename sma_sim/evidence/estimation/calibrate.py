@@ -77,7 +77,6 @@ from sma_sim.model.parameters import Parameter
 from sma_sim.model.progress import progress_line
 from sma_sim.model.renamed import renamed
 from sma_sim.model.shown import Shown, listed, text_table
-from sma_sim.model.structures.discovery import known_structures
 from sma_sim.solver.simulate import SimulationError
 
 SEARCH_RTOL, FINAL_RTOL = 1e-5, 1e-6  # of the simulations of a search without tangents, and of the last fit
@@ -364,7 +363,7 @@ def problem_for(dataset: Dataset, config: Config, options: FitOptions, every: in
     the time, or a quarter.
     """
     rtol = min(SEARCH_RTOL, config.parameters['solver.rtol'])
-    structures = [known_structures()[recording.system] for recording in dataset.recordings]
+    structures = [recording.structure for recording in dataset.recordings]
     if step_limited and all(map(has_tangents, structures)):
         rtol = max(rtol, min(rtol * LOOSER[config.simulated_kinetics], hidden_rtol(dataset)))
     free = free_in_dataset(config, dataset, options.names, options.material)

@@ -24,7 +24,6 @@ from sma_sim.evidence.data.quasi_static import GRID, SMOOTHED, Cycle, both_ways,
 from sma_sim.evidence.data.recording import Dataset, Recording
 from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
-from sma_sim.model.structures.discovery import known_structures
 
 TEMPERATURES = ('M_f', 'M_s', 'A_s', 'A_f')
 END = 0.12  # part of the temperatures, at either end, through which a baseline goes
@@ -103,7 +102,7 @@ def isobaric_tests(dataset: Dataset) -> tuple[IsobaricTest, ...]:
 
 def isobaric_test(recording: Recording) -> IsobaricTest | None:
     """The features of one recording; None where it is no isobaric test, or nothing transforms."""
-    drives = [drive.name for drive in known_structures()[recording.system].drives]
+    drives = [drive.name for drive in recording.structure.drives]
     if 'strain' not in recording.channels or drives != ['stress', 'T']:
         return None
     times, values = np.asarray(recording.source.times, float), np.asarray(recording.source.values, float)
@@ -185,7 +184,7 @@ def isothermal_tests(dataset: Dataset) -> tuple[IsothermalTest, ...]:
 
 def isothermal_test(recording: Recording) -> IsothermalTest | None:
     """The features of one recording; None where it is no isothermal test, or nothing transforms."""
-    structure = known_structures()[recording.system]
+    structure = recording.structure
     if 'stress' not in recording.channels or [drive.name for drive in structure.drives][:1] != ['strain']:
         return None
     times, values = np.asarray(recording.source.times, float), np.asarray(recording.source.values, float)

@@ -14,7 +14,6 @@ from sma_sim.evidence.estimation.residuals import command_column
 from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import Config
 from sma_sim.model.parameters import wire_constants
-from sma_sim.model.structures.discovery import known_structures
 from sma_sim.solver.inputs import Input
 
 TEMPERATURE = 'T'  # the channel of a single wire's thermometer
@@ -40,7 +39,7 @@ def shown_by_warming(dataset: Dataset, config: Config) -> dict[str, float]:
 
 def is_warmed(recording: Recording) -> bool:
     """Whether a recording shows the temperature of a single wire whose heating was commanded."""
-    structure = known_structures()[recording.system]
+    structure = recording.structure
     if structure.wires != 1 or structure.imposed_temperature >= 0 or TEMPERATURE not in recording.channels:
         return False
     return int(np.isfinite(recording.channels[TEMPERATURE]).sum()) >= MIN_SAMPLES

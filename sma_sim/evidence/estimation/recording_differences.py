@@ -10,7 +10,6 @@ import numpy as np
 from sma_sim.evidence.data.recording import Dataset, Recording
 from sma_sim.evidence.estimation.residuals import FitData, beginning_stds, steps_of_powers, with_late_changes
 from sma_sim.model.shown import joined_words
-from sma_sim.model.structures.discovery import known_structures
 
 AMBIENT_STD = 3.0  # [K]: by which rooms differ from day to day
 ZERO_PART = 0.05  # of what a channel usually changes by: sensors are set by hand, a larger zero is seen before recording
@@ -44,7 +43,7 @@ class RecordingDifference:
         if self.ambient:
             return replace(run, ambient_std=AMBIENT_STD)
         if self.in_motion:
-            return replace(run, beginning_std=beginning_stds(known_structures()[run.bench]))
+            return replace(run, beginning_std=beginning_stds(run.structure))
         if self.late_commands:
             source, changed, interval = with_late_changes(run.source, run.changed, run.interval)
             return replace(run, source=source, changed=changed, interval=interval, group=np.arange(len(changed)))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.data.noise import estimate_noise
 from sma_sim.evidence.data.noise_process import NoiseProcess
-from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording, channels_of_family, is_resistance
+from sma_sim.evidence.data.recording import Dataset, Recording, columns_of_family, is_resistance
 from sma_sim.evidence.data.rounding import Rounding
 from sma_sim.evidence.estimation.prepared_fit import check_data
 from sma_sim.model.argument_checks import check_fields, checked
@@ -124,6 +124,16 @@ class FitData:
         """Measured values that count."""
         return int(np.count_nonzero(self.weight))
 
+    @property
+    def structure(self) -> Structure:
+        """What its wires pull on."""
+        return known_structures()[self.bench]
+
+    @property
+    def columns(self) -> Mapping[str, str]:
+        """The columns of all channels that it may have, by channel."""
+        return columns_of_family(self.structure)
+
     def on_bench(self, config: Config) -> Config:
         """The configuration on the bench of this recording."""
         return config.on_bench(self.bench)
@@ -164,7 +174,7 @@ class Nuisance:
 def hidden_rtol(dataset: Dataset) -> float:
     """The relative tolerance up to which errors of the solver stay hidden in the noise of every channel."""
     found = [inf]
-    for structure in {recording.system: known_structures()[recording.system] for recording in dataset.recordings}.values():
+    for structure in {recording.structure for recording in dataset.recordings}:
         sizes = dict(zip(structure.channels, channel_scales(structure), strict=True))
         found += [
             HIDDEN * noise / (SOLVER_NOISE * sizes[name]) for name, noise in dataset.noise_std.items() if name in sizes
@@ -181,13 +191,11 @@ def fit_data(
     """
     channels = tuple(name for name, values in recording.channels.items() if np.isfinite(values).any())
     if not channels:
-        raise UserError(
-            f'{recording.name}: no channel was measured; expected one of {", ".join(channels_of_family(recording.system))}'
-        )
+        raise UserError(f'{recording.name}: no channel was measured; expected one of {", ".join(recording.columns)}')
     for name in channels:
         if not (np.isfinite(noise_std.get(name, np.nan)) and noise_std[name] >= 0.0):
             raise UserError(f'{recording.name}: no noise is known for channel {name}; give it as noise_std of the Dataset')
-    structure = known_structures()[recording.system]
+    structure = recording.structure
     sizes = dict(zip(structure.channels, channel_scales(structure), strict=True))
     rows = thinned_rows([np.isfinite(recording.channels[name]) for name in channels], every)
     measured = np.array([recording.channels[name][rows] for name in channels], dtype=float)
@@ -452,9 +460,10 @@ def predict(config: Config, recording: Recording | FitData, nuisance: Nuisance |
             )
         if nuisance.start and not (len(nuisance.start) == run.starts and all(0.0 <= part <= 1.0 for part in nuisance.start)):
             raise UserError(f'nuisance, start = {nuisance.start}: expected {run.starts} number(s) from 0 to 1, one by wire')
-    channels = run.on_bench(config).structure.channels
-    _, trajectory, index = simulated(config, run, nuisance, channels)
-    return {name: trajectory[CHANNEL_COLUMNS[name]][index] for name in channels}
+    structure = run.on_bench(config).structure
+    _, trajectory, index = simulated(config, run, nuisance, structure.channels)
+    columns = zip(structure.channels, structure.channel_columns, strict=True)
+    return {name: trajectory[column][index] for name, column in columns}
 
 
 def check_delay(delay: float, time: Vector, name: str) -> None:
@@ -476,17 +485,17 @@ def model_columns(config: Config, recording: Recording | FitData, nuisance: Nuis
     """
     source, trajectory, index = simulated(config, recording, nuisance)
     shown = inputs_at(source, trajectory.time) | trajectory.columns
-    resistances = (CHANNEL_COLUMNS[name] for name in recording.channels if is_resistance(name))
+    resistances = (recording.columns[name] for name in recording.channels if is_resistance(name))
     shown |= {column: trajectory[column] for column in resistances}
     columns = {name: column[index] for name, column in shown.items()}
     if nuisance and nuisance.unknown_zero and isinstance(recording, FitData):
         columns['strain'] = columns['strain'] + strain_zero(recording, columns['strain'])
     if isinstance(recording, FitData) and recording.zero_std:
-        names = [CHANNEL_COLUMNS[name] for name in recording.channels]
+        names = [recording.columns[name] for name in recording.channels]
         rows = np.array([columns[name] for name in names])
         columns |= dict(zip(names, rows + baseline(recording, rows), strict=True))
     for name, rounding in recording.rounding.items():
-        column = CHANNEL_COLUMNS[name]
+        column = recording.columns[name]
         columns[column] = rounding.expected(columns[column])
     return columns
 
@@ -694,7 +703,7 @@ def offsets_of(config: Config, run: FitData, nuisance: Nuisance) -> tuple[dict[s
     if not run.zero_std:
         return {}, {}
     _, trajectory, index = simulated(config, run, nuisance, run.channels)
-    zero, drift = offsets(run, np.array([trajectory[CHANNEL_COLUMNS[name]][index] for name in run.channels])).T
+    zero, drift = offsets(run, np.array([trajectory[run.columns[name]][index] for name in run.channels])).T
     return (
         {name: float(z) for name, z, std in zip(run.channels, zero, run.zero_std, strict=True) if std > 0.0},
         {name: float(z) for name, z, std in zip(run.channels, drift, run.drift_std, strict=True) if std > 0.0},
@@ -750,7 +759,7 @@ def simplified_input(recording: Recording, noise_std: Mapping[str, float]) -> In
     [SI] by channel; an input of which nothing is imposed stays as it is.
     """
     source = recording.source
-    drives = known_structures()[recording.system].drives
+    drives = recording.structure.drives
     times, values = np.asarray(source.times, float), np.asarray(source.values, float)
     others = values[:, len(drives) :]
     keep = np.zeros(len(times), dtype=bool)

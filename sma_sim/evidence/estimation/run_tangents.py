@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.evidence.estimation.residuals import (
     FitData,
@@ -90,7 +89,7 @@ def linearized_by_tangents(task: TangentTask) -> tuple[Matrix, NDArray[np.float6
         if found is None or not found.trajectory.completed:
             return None
         index = planned_run(run, nuisance)[2]
-        shown = np.array([found.trajectory[CHANNEL_COLUMNS[name]] for name in run.channels])[:, index]
+        shown = np.array([found.trajectory[run.columns[name]] for name in run.channels])[:, index]
         as_exact, model = looser(run, config.config) == 1.0, config.model(run.bench)
         here = compared(run, shown, nuisance) if as_exact else smoothed_residuals(model, run, nuisance)
         is_the_run = as_exact and not found.smoothed

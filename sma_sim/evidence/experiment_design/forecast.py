@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording
+from sma_sim.evidence.data.recording import Dataset, Recording
 from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.evidence.estimation.residuals import FitData, Nuisance, fit_data, model_columns
 from sma_sim.evidence.experiment_design.rival_fits import ModelHypothesis
@@ -160,7 +160,7 @@ def simulate_points(points: Sequence[ModelPoint], run: FitData) -> list[Simulate
 def simulate_run(config: Config, run: FitData, nuisance: Nuisance) -> SimulatedRun:
     """One simulation. Raises SimulationError."""
     columns = model_columns(config, run, nuisance)
-    values = np.array([columns[CHANNEL_COLUMNS[name]] for name in run.channels]) * run.weight
+    values = np.array([columns[run.columns[name]] for name in run.channels]) * run.weight
     suffixes = config.structure.wire_suffixes
     temperature = max(columns[f'T{suffix}_K'].max() for suffix in suffixes)
     stress = max(stress.max() for stress in stresses_from_forces(config, columns).values())

@@ -224,7 +224,7 @@ def run_beside_model(
         held_out=False,
         time=np.asarray(run.time),
         measured={name: np.asarray(recording.channels[name], float) for name in run.channels},
-        predicted={name: columns[CHANNEL_COLUMNS[name]] for name in run.channels},
+        predicted={name: columns[run.columns[name]] for name in run.channels},
         noise={
             name: float(np.sqrt(np.mean(weight[weight > 0.0] ** -2.0))) if weight.any() else noise_std[name]
             for name, weight in zip(run.channels, run.weight, strict=True)

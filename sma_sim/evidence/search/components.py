@@ -9,7 +9,6 @@ from math import log
 import numpy as np
 
 from sma_sim.compiler.fields_read import uses_time
-from sma_sim.evidence.data.recording import CHANNEL_COLUMNS
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.problem import Problem, with_difference
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
@@ -144,7 +143,7 @@ def is_powered(source: Input) -> bool:
 def difference_component(difference: RecordingDifference, problem: Problem) -> Component:
     """What differs between recordings, among all kinds of it: zeros of one channel or of any several, ambient temperature,
     late commands, rounded ones, power of a side."""
-    channels = sum(any(name in run.channels for run in problem.runs) for name in CHANNEL_COLUMNS)
+    channels = len({name for run in problem.runs for name in run.channels})
     which = channels * log(2.0) if len(difference.zeros) > 1 else 0.0
     return Component(difference.words, -SPARSITY - log(channels + NO_ZEROS) - which, difference)
 

@@ -19,7 +19,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.noise import DIFFERENCE_ORDER, difference_scale
-from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset
+from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.recordings import NEGLIGIBLE_FRACTION, value_range
 from sma_sim.evidence.estimation.calibrate import SEARCH_SAMPLES, FitOptions, full_problem, problem_for
 from sma_sim.evidence.estimation.executors import run_in_threads
@@ -721,7 +721,7 @@ def symmetries(problem: Problem) -> list[Columns]:
 
     def shown(source: FitData) -> Channels:
         _, trajectory, index = simulated(config, source, nuisance, source.channels)
-        return {name: trajectory[CHANNEL_COLUMNS[name]][index] for name in source.channels}
+        return {name: trajectory[source.columns[name]][index] for name in source.channels}
 
     faults = [Fault('swap', pair) for pair in combinations(structure.commands, 2)]
     if structure.antagonistic:

@@ -101,6 +101,5 @@ def locations_for(config: Config, channels: Collection[str]) -> tuple[Location, 
 @lru_cache(64)
 def locations_of_hook(hook: str, on: Structure) -> tuple[Location, ...]:
     """All locations of a port of the effects, on a structure at its defaults."""
-    own = on if on.files else None
-    config = Config(on.default_values, on.family, own_structure=own)
+    config = Config(on.default_values, own_structure=on)
     return tuple(location for location in locations_for(config, on.channels) if location.hook == hook)

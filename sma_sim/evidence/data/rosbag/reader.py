@@ -38,7 +38,7 @@ from sma_sim.evidence.data.rosbag.raw_messages import Bag, open_bag
 from sma_sim.evidence.data.rosbag.writer import typestore
 from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
-from sma_sim.model.structures.discovery import known_structures
+from sma_sim.model.structures.discovery import package_structures
 from sma_sim.model.structures.structure import Structure
 
 JITTER_WINDOW = 51  # stamped messages whose median delay counts: single ones arrive late, or several at once
@@ -128,7 +128,7 @@ def interface_of_bag(bag: Bag, prefix: str, structure: Structure | None = None) 
         return max(fitting, key=lambda one: len(one.joints))
     if heating == WIRE_COMMAND and count > 1:
         return Interface('robot', {}, tuple(f'{WIRE_COMMAND}_{i + 1}' for i in range(count)), count, {}, {})
-    return interface_of(known_structures()['module' if heating == PAIR_COMMAND else 'wire'])
+    return interface_of(package_structures()['module' if heating == PAIR_COMMAND else 'wire'])
 
 
 def has_joints(names: Sequence[str], expected: Sequence[str]) -> bool:
