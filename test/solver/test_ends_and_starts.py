@@ -282,8 +282,8 @@ def test_what_bounds_a_run(monkeypatch):
 def test_what_is_imposed_may_come_in_any_order(interpreted):
     """A load and a temperature: as the package has them, and the temperature first."""
     usual = package_structures()['wire_under_load_at_T']
-    drives = usual.structure.drives
-    turned = replace(usual, structure=replace(usual.structure, name='turned', drives=drives[::-1]))
+    drives = usual.drives
+    turned = replace(usual, name='turned', drives=drives[::-1])
     times, given = np.array([0.0, 5.0, 10.0]), {'stress': [1e8, 1.5e8, 1.2e8], 'T': [330.0, 300.0, 350.0]}
 
     def run(found):

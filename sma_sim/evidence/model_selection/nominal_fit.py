@@ -14,7 +14,8 @@ from sma_sim.evidence.estimation.stop_criteria import NOMINAL_MODEL
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.model.argument_checks import as_folders, check_fields
 from sma_sim.model.config import Config
-from sma_sim.model.effects.discovery import effects_on, find_effects
+from sma_sim.model.effects.conversion import effect_on
+from sma_sim.model.effects.discovery import package_effects
 from sma_sim.model.renamed import renamed
 
 GRADIENT = 'temperature_gradient'  # the effect of a specimen that is not equally warm
@@ -103,5 +104,5 @@ def with_temperature_gradient(config: Config) -> Config:
     """The configuration of a specimen whose temperature may differ from end to end; itself where one is active already."""
     if any(given.effect.name == GRADIENT for given in config.effects):
         return config
-    found = effects_on(find_effects(), [GRADIENT], config.structure, config.parameters)[GRADIENT]
-    return with_effect(config, found, {p.name: p.default for p in found.parameters})
+    effect = effect_on(package_effects()[GRADIENT], config.structure, config.parameters)
+    return with_effect(config, effect, {p.name: p.default for p in effect.parameters})
