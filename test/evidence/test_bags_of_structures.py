@@ -79,7 +79,7 @@ def test_commands_take_bags_of_every_structure(tmp_path, run):
 def test_a_bag_tells_its_topics_where_nobody_knows_the_structure(tmp_path, run, monkeypatch):
     structure, columns = run
     write_mcap(tmp_path / 'run.mcap', columns, structure)
-    monkeypatch.setattr('sma_sim.evidence.data.rosbag.reader.known_structures', dict)
+    monkeypatch.setattr('sma_sim.evidence.data.rosbag.interface.known_structures', dict)
     assert list(read_bag(tmp_path / 'run.mcap')) == list(interface_of(structure).columns)
 
 
