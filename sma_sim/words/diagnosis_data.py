@@ -122,12 +122,12 @@ def differences(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     ]
 
 
-def amounts(difference: RecordingDifference, diagnosis: Diagnosis) -> Iterator[tuple[str, float | bool | dict[str, float]]]:
-    """By recording, how much of a difference it has; of several zeros by channel."""
+def amounts(difference: RecordingDifference, diagnosis: Diagnosis) -> Iterator[tuple[str, float | bool]]:
+    """By recording, how much of a difference it has."""
     for run in (*diagnosis.calibration.runs, *diagnosis.predicted):
         if difference.zeros:
-            zeros = {channel: run.zeros.get(channel, 0.0) for channel, _ in difference.zeros}
-            yield run.name, zeros if len(zeros) > 1 else sum(zeros.values())
+            ((channel, _),) = difference.zeros
+            yield run.name, run.zeros.get(channel, 0.0)
         elif difference.late_commands:
             yield run.name, LATENESS * statistics.pstdev(run.switches or (0.0,))
         elif difference.rounded_commands:

@@ -226,15 +226,8 @@ def difference_lines(diagnosis: Diagnosis) -> Iterator[str]:
             first, *others = above_first(diagnosis).items()
             shown = f'above that of {first[0]}: {joined_words([kelvin_words(*one) for one in others])} [K]'
         else:
-            shown = f'{joined_words([f"{name} {amount_words(value)}" for name, value in values.items()])} [SI]'
+            shown = f'{joined_words([f"{name} {value:+.3g}" for name, value in values.items()])} [SI]'
         yield f'The recordings differ, no effect of the robot: {difference.words}, {shown}.'
-
-
-def amount_words(amount: float | Mapping[str, float]) -> str:
-    """An amount, or one by channel."""
-    if isinstance(amount, Mapping):
-        return f'({", ".join(f"{channel} {value:+.3g}" for channel, value in amount.items())})'
-    return f'{amount:+.3g}'
 
 
 def kelvin_words(name: str, there: AmbientDifference) -> str:

@@ -18,7 +18,7 @@ from sma_sim.evidence.diagnosis.review import reviewed
 from sma_sim.evidence.estimation.calibrate import FitOptions, problem_for
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.held_out_prediction import RunFit, point_with, run_fits
+from sma_sim.evidence.estimation.held_out_prediction import point_with, run_fits
 from sma_sim.evidence.estimation.levenberg_marquardt import refit
 from sma_sim.evidence.estimation.motion_before import begin_in_motion
 from sma_sim.evidence.estimation.problem import (
@@ -49,8 +49,8 @@ from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.evidence.search.components import Component, difference_component
 from sma_sim.evidence.search.refine import Model, without_difference
 from sma_sim.solver.inputs import Input, inputs_at
-from sma_sim.words.diagnosis_data import as_data, differences
-from sma_sim.words.diagnosis_text import as_text, difference_lines
+from sma_sim.words.diagnosis_data import as_data
+from sma_sim.words.diagnosis_text import as_text
 
 NOISE = {'U_y': 1e-5, 'alpha': 3.5e-4, 'F_1': 0.02, 'F_2': 0.02}
 COMMANDS = ((10.0, -8.0), (-9.0, 12.0), (8.0, -11.0), (-12.0, 7.0))
@@ -62,7 +62,7 @@ UNPOWERED = RecordingDifference('the power of one side', unpowered_side=1, recor
 REQUEST = DiagnosisRequest(kinetics='hybrid', options=OPTIONS, equation=False, variants=False)
 
 
-def recorded(k, T_E=298.0, lost=0, alpha=0.0, force=0.0, more=(0.0, 0.0)):
+def recorded(k, T_E=298.0, lost=0, alpha=0.0, more=(0.0, 0.0)):
     """A recording whose file says 298 K and its whole command, with what was different in truth."""
     first, second = COMMANDS[k]
     said = sma_sim.module_input([0.0, 2.0, 8.0, 14.0, 20.0], [0.0, first, 0.0, second, 0.0])
@@ -75,7 +75,6 @@ def recorded(k, T_E=298.0, lost=0, alpha=0.0, force=0.0, more=(0.0, 0.0)):
     columns = {'U_y': 'U_y_m', 'alpha': 'alpha_rad', 'F_1': 'F_1_N', 'F_2': 'F_2_N'}
     noisy = {name: run[column] + NOISE[name] * random.standard_normal(len(run.time)) for name, column in columns.items()}
     noisy['alpha'] += alpha
-    noisy['F_1'] += force
     return sma_sim.Recording(f'run{k + 1}', 'module', run.time, noisy, said)
 
 
@@ -393,18 +392,3 @@ def test_commands_that_were_rounded():
     (predicted,) = sma_sim.evaluate_held_out(sma_sim.Config(), held_out)
     assert predicted.error < 1.1 and predicted.powers == pytest.approx(ROUNDED[2], abs=0.03)
     assert sma_sim.evaluate_held_out(sma_sim.Config(), sma_sim.Dataset(recordings[2:], NOISE))[0].error > 3.0
-
-
-def test_zeros_of_several_channels_are_said_by_channel():
-    runs = (RunFit('run1', (), (), (), {}, 1.0, zeros={'alpha': 0.01, 'F_1': -0.2}), RunFit('run2', (), (), (), {}, 1.0))
-    diagnosis = SimpleNamespace(
-        calibration=SimpleNamespace(runs=runs), predicted=(), differences=(zeros_of({'alpha': 1e-2, 'F_1': 0.5}),)
-    )
-    assert differences(diagnosis) == [
-        {
-            'what': 'the zeros of alpha and F_1',
-            'by_recording': {'run1': {'alpha': 0.01, 'F_1': -0.2}, 'run2': {'alpha': 0.0, 'F_1': 0.0}},
-        }
-    ]
-    (line,) = difference_lines(diagnosis)
-    assert line.endswith('run1 (alpha +0.01, F_1 -0.2) and run2 (alpha +0, F_1 +0) [SI].')
