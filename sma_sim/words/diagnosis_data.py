@@ -132,6 +132,8 @@ def amounts(difference: RecordingDifference, diagnosis: Diagnosis) -> Iterator[t
             yield run.name, LATENESS * statistics.pstdev(run.switches or (0.0,))
         elif difference.rounded_commands:
             yield run.name, statistics.pstdev(run.powers or (0.0,))
+        elif difference.parameter:
+            yield run.name, dict(run.factors).get(difference.parameter[0], 1.0) - 1.0
         elif difference.in_motion:
             yield run.name, max(run.beginning.warmth, default=0.0)
         else:

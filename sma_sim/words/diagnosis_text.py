@@ -225,6 +225,8 @@ def difference_lines(diagnosis: Diagnosis) -> Iterator[str]:
         elif difference.ambient:
             first, *others = above_first(diagnosis).items()
             shown = f'above that of {first[0]}: {joined_words([kelvin_words(*one) for one in others])} [K]'
+        elif difference.parameter:
+            shown = joined_words([f'{name} {value:+.2%}' for name, value in values.items()])
         else:
             shown = f'{joined_words([f"{name} {value:+.3g}" for name, value in values.items()])} [SI]'
         yield f'The recordings differ, no effect of the robot: {difference.words}, {shown}.'

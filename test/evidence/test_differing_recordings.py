@@ -32,14 +32,17 @@ from sma_sim.evidence.estimation.problem import (
 from sma_sim.evidence.estimation.recording_differences import AMBIENT as UNKNOWN_ROOM
 from sma_sim.evidence.estimation.recording_differences import (
     AMBIENT_STD,
+    CONVECTION,
     IN_MOTION,
     LATE_COMMANDS,
+    LENGTH,
     ROUNDED_COMMANDS,
+    SUPPLY,
     RecordingDifference,
     with_differences,
     zeros_of,
 )
-from sma_sim.evidence.estimation.residuals import Nuisance, fit_data, planned_run, predict, steps_of_powers
+from sma_sim.evidence.estimation.residuals import GAIN, Nuisance, fit_data, planned_run, predict, steps_of_powers
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import Candidate
 from sma_sim.evidence.model_selection.differing_recordings import promises
@@ -62,15 +65,16 @@ UNPOWERED = RecordingDifference('the power of one side', unpowered_side=1, recor
 REQUEST = DiagnosisRequest(kinetics='hybrid', options=OPTIONS, equation=False, variants=False)
 
 
-def recorded(k, T_E=298.0, lost=0, alpha=0.0, more=(0.0, 0.0)):
+def recorded(k, T_E=298.0, lost=0, alpha=0.0, more=(0.0, 0.0), factors=()):
     """A recording whose file says 298 K and its whole command, with what was different in truth."""
     first, second = COMMANDS[k]
     said = sma_sim.module_input([0.0, 2.0, 8.0, 14.0, 20.0], [0.0, first, 0.0, second, 0.0])
     true = said.values.copy()
     true[[1, 3], 0] += more
     true[:, 0] = np.where(np.sign(true[:, 0]) == lost, 0.0, true[:, 0])
+    true[:, 0] *= dict(factors).get(GAIN, 1.0)
     true[:, 1] = T_E
-    run = sma_sim.simulate(sma_sim.Model(), Input(said.times, true, said.linear), 10.0)
+    run = sma_sim.simulate(sma_sim.Config().scaled(dict(factors)), Input(said.times, true, said.linear), 10.0)
     random = np.random.default_rng(k)
     columns = {'U_y': 'U_y_m', 'alpha': 'alpha_rad', 'F_1': 'F_1_N', 'F_2': 'F_2_N'}
     noisy = {name: run[column] + NOISE[name] * random.standard_normal(len(run.time)) for name, column in columns.items()}
@@ -281,6 +285,11 @@ def test_a_motion_before_is_proposed_where_first_samples_are_not_those_at_rest()
         ((recorded(0), recorded(1, T_E=303.0), recorded(2)), 'the ambient temperature', {'run1': 0, 'run2': 5, 'run3': 0}),
         (tuple(recorded(k, more=more) for k, more in enumerate(ROUNDED)), 'the rounding of commands', SPREAD),
         (
+            (recorded(0), recorded(1, factors={'wire.lambda': 1.3}), recorded(2)),
+            'the heat transfer to the air',
+            {'run1': -0.09, 'run2': 0.18, 'run3': -0.09},
+        ),
+        (
             (recorded(0), recorded(1), recorded(2, lost=-1), recorded(3, lost=-1)),
             'the power of the wires that negative commands heat',
             {'run1': False, 'run2': False, 'run3': True, 'run4': True},
@@ -392,3 +401,35 @@ def test_commands_that_were_rounded():
     (predicted,) = sma_sim.evaluate_held_out(sma_sim.Config(), held_out)
     assert predicted.error < 1.1 and predicted.powers == pytest.approx(ROUNDED[2], abs=0.03)
     assert sma_sim.evaluate_held_out(sma_sim.Config(), sma_sim.Dataset(recordings[2:], NOISE))[0].error > 3.0
+
+
+@pytest.mark.parametrize(('difference', 'factor'), [(CONVECTION, 1.25), (LENGTH, 0.998), (SUPPLY, 0.94)])
+def test_a_parameter_that_is_another_one_in_a_recording(difference, factor):
+    """Its derivative is that of the residuals, it promises most, and a fit finds the quotient of two recordings."""
+    name, std = difference.parameter
+    varied = {name: factor}
+    problem = problem_for(sma_sim.Dataset((recorded(0), recorded(1, factors=varied)), NOISE), sma_sim.Config(), OPTIONS, 1)
+    z = start_point(problem)
+    differing, start = with_difference(problem, z, difference)
+    (at,) = [k for k, one in enumerate(differing.own(differing.runs[0])) if name in one.name]
+    with executor_or_threads(None) as pool:
+        context = SearchContext(pool, Event())
+        for one, other in zip(residuals_at(problem, z, pool), residuals_at(differing, start, pool), strict=True):
+            assert (one == other).all()
+        for k, run in enumerate(linearize(differing, start, pool)):
+            own = differing.indices()[k][len(differing.shared) + at]
+            sides = [
+                residuals_at(differing, start + step * (np.arange(len(start)) == own), pool)[k] for step in (1e-3, -1e-3)
+            ]
+            slope = (sides[0] - sides[1]) / 2e-3
+            assert run.jacobian[len(differing.shared) + at] == pytest.approx(slope, abs=0.02 * float(np.abs(slope).max()))
+        found = promises(problem, z, context)
+        assert max(found, key=found.get) == difference and difference not in promises(differing, start, context)
+        fit = refit(differing, start, context)
+        runs = run_fits(differing, fit.z, pool)
+    first, second = (dict(run.factors)[name] for run in runs)
+    assert second / first == pytest.approx(factor, abs=0.1 * abs(factor - 1.0))
+    assert point_with(differing, fit.z[: len(differing.shared)], runs) == pytest.approx(fit.z)
+    held_out = with_differences(sma_sim.Dataset((recorded(2, factors=varied),), NOISE), (difference,))
+    (predicted,) = sma_sim.evaluate_held_out(sma_sim.Config(), held_out)
+    assert predicted.error < 1.1 and dict(predicted.factors)[name] == pytest.approx(factor, abs=0.1 * abs(factor - 1.0))

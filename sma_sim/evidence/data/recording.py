@@ -127,6 +127,8 @@ class Recording(Shown, Saved, Comparable):
         Whether each command may have taken effect later than another one, by up to 0.2 s.
     rounded_commands : bool
         Whether the powers that were commanded are written with so few digits that they may have been others.
+    varied : mapping
+        By parameter of the robot that may have been another one in this recording, the standard deviation of its logarithm.
     in_motion : bool
         Whether wires may be warm, and the pose not in equilibrium, at its beginning: else it begins at rest.
     unpowered_side : int
@@ -162,6 +164,7 @@ class Recording(Shown, Saved, Comparable):
     late_commands: bool = False
     rounded_commands: bool = False
     rounding: Mapping[str, Rounding] = field(default_factory=dict)
+    varied: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_fields(self)

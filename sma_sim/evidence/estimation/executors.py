@@ -22,6 +22,7 @@ from sma_sim.solver.model import Model
 
 Result = TypeVar('Result')
 Task = TypeVar('Task')
+Factors = tuple[tuple[str, float], ...]  # by parameter
 # Parts of a campaign that a worker of a cluster gets, so that none waits long for another in the end; and the most
 # recordings of one, whose derivatives may come back
 PARTS, MOST_TOGETHER = 4, 8
@@ -33,16 +34,14 @@ class PickledConfig:
     """A configuration that can be sent to another process: effects travel by name, not as functions."""
 
     config: Config
-    _models: dict[tuple[str, float], Model] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _models: dict[tuple[str, float, Factors], Model] = field(default_factory=dict, init=False, repr=False, compare=False)
 
-    def model(self, bench: str, looser: float = 1.0) -> Model:
-        """The model on a bench, at so many times its solver.rtol: one for all runs."""
-        if (bench, looser) not in self._models:
-            config = self.config.on_bench(bench)
-            if looser != 1.0:
-                config = config.variant({'solver.rtol': looser * config.parameters['solver.rtol']})
-            self._models[bench, looser] = Model(config)
-        return self._models[bench, looser]
+    def model(self, bench: str, looser: float = 1.0, factors: Factors = ()) -> Model:
+        """The model on a bench, at so many times its solver.rtol, with some parameters multiplied: one for all runs."""
+        if (bench, looser, factors) not in self._models:
+            tolerance = {'solver.rtol': looser} if looser != 1.0 else {}
+            self._models[bench, looser, factors] = Model(self.config.on_bench(bench).scaled({**dict(factors), **tolerance}))
+        return self._models[bench, looser, factors]
 
     def __reduce__(self) -> tuple[Any, ...]:
         config = self.config

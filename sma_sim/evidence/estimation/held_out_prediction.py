@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from math import nan
+from math import log, nan
 from threading import Event
 
 import numpy as np
@@ -62,7 +62,7 @@ class RunFit:
     `quasi_static`: a test whose time says nothing. `ambient`: by how much its ambient temperature was above that of its
     input, `ambient_std`: the prior of that [K]. `T_E`: its ambient temperature at the beginning
     [K]. `beginning`: what was left then of a motion before. `powers`: by how much each power that was commanded
-    was more than is written [W].
+    was more than is written [W]. `factors`: by parameter that was another one then, how many times as large it was.
     """
 
     name: str
@@ -80,6 +80,7 @@ class RunFit:
     T_E: float = nan
     beginning: Beginning = AT_REST
     powers: tuple[float, ...] = ()
+    factors: tuple[tuple[str, float], ...] = ()
 
 
 def nuisances_of(delay: float, fits: Sequence[RunFit]) -> dict[str, Nuisance]:
@@ -93,6 +94,7 @@ def nuisances_of(delay: float, fits: Sequence[RunFit]) -> dict[str, Nuisance]:
             fit.ambient,
             fit.beginning,
             fit.powers,
+            fit.factors,
         )
         for fit in fits
     }
@@ -105,6 +107,7 @@ def point_with(problem: Problem, known: Sequence[float], fits: Sequence[RunFit])
         ambient = [fit.ambient / fit.ambient_std] if fit.ambient_std > 0.0 else []
         z += [*map(START.coordinate, fit.start), *map(SWITCH.coordinate, fit.switches), *ambient]
         z += [POWER.coordinate(power / step) for power, step in zip(fit.powers, run.rounded_to, strict=True)]
+        z += [log(factor) / run.varied[name] for name, factor in fit.factors]
         left = fit.beginning.parts
         for kind, stds in problem.beginning_std(run).parts.items():
             z += [value / std for value, std in zip(left.get(kind) or (0.0,) * len(stds), stds, strict=True)]
@@ -143,7 +146,7 @@ def run_fits(problem: Problem, z: Vector, executor: Executor) -> tuple[RunFit, .
     for run, nuisance, found in zip(problem.runs, nuisances, by_run, strict=True):
         errors = found or dict.fromkeys(run.channels, np.inf)
         initial = (
-            with_start(run.on_bench(config), planned_run(run, nuisance)[0], nuisance.start).parameters
+            with_start(run.on_bench(config, nuisance), planned_run(run, nuisance)[0], nuisance.start).parameters
             if found is not None
             else config.parameters
         )
@@ -167,6 +170,7 @@ def run_fits(problem: Problem, z: Vector, executor: Executor) -> tuple[RunFit, .
                 T_E=float(planned_run(run, nuisance)[0].values[0, -1]),
                 beginning=nuisance.beginning,
                 powers=nuisance.powers,
+                factors=nuisance.factors,
             )
         )
     return tuple(fits)

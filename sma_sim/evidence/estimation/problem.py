@@ -11,6 +11,7 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Seq
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 from functools import partial
+from math import exp
 from typing import Any, TypeVar
 
 import numpy as np
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from sma_sim.evidence.estimation.executors import PickledConfig, in_turn, workers_of
 from sma_sim.evidence.estimation.free_parameters import FreeParameter
 from sma_sim.evidence.estimation.recording_differences import LATE_COMMANDS, RecordingDifference
-from sma_sim.evidence.estimation.residuals import LATENESS, FitData, Nuisance, residuals_of_all, with_states
+from sma_sim.evidence.estimation.residuals import GAIN, LATENESS, FitData, Nuisance, residuals_of_all, with_states
 from sma_sim.evidence.estimation.run_tangents import TangentTask, linearized_by_tangents, tangents_apply
 from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import Config
@@ -45,6 +46,7 @@ MOTION = FreeParameter('motion', 0.0, 1.0, -6.0, 6.0, False, '-')  # of each fur
 MEDIAN_WARMTH = 0.6745  # of its prior, half a normal one
 SWITCH = FreeParameter('switch', 0.5, 0.288675, -1.73, 1.73, False, '-')  # uniform in the interval: its mean and std
 POWER = FreeParameter('power', 0.0, 0.288675, -1.73, 1.73, False, '-')  # of a rounding step, uniform in it
+FACTOR = FreeParameter('factor', 0.0, 1.0, -5.0, 5.0, False, '-')  # its logarithm, in stds of its prior, by its parameter
 HUBER_CORNER = 3.0  # residual, in units of the noise, from which a robust loss grows linearly
 
 
@@ -55,8 +57,8 @@ class Problem:
     `nominal_effects`: names of effects that the model has from the start of a search, which are no findings.
 
     The unknowns z (n,): free parameters, delay, then per run its starts (one per wire), switching fractions and, where these
-    are not known, its ambient temperature, its powers and what is left of a motion before it. `differences`: what was found
-    to differ between the recordings.
+    are not known, its ambient temperature, its powers, parameters that vary and what is left of a motion before it.
+    `differences`: what was found to differ between the recordings.
     `tempering`: overdispersion k of a model that is known to be wrong; the priors count k^2 times, as if squares were less.
     `delay_range`: of the delay, in z. `material`: of the wires, as it was given, for which values are plausible.
     """
@@ -83,7 +85,7 @@ class Problem:
     def own(self, run: FitData) -> tuple[FreeParameter, ...]:
         """The unknowns of one run."""
         at_rest = (START,) * run.starts + (SWITCH,) * run.groups + (AMBIENT,) * (run.ambient_std > 0.0)
-        at_rest += (POWER,) * len(run.rounded_to)
+        at_rest += (POWER,) * len(run.rounded_to) + tuple(map(factor_of, run.varied))
         kinds = (kind for kind, stds in self.beginning_std(run).parts.items() for _ in stds)
         return at_rest + tuple(WARMTH if kind == WARMTH.name else replace(MOTION, name=kind) for kind in kinds)
 
@@ -132,15 +134,16 @@ class Problem:
         end = last + (run.ambient_std > 0.0)
         ambient = run.ambient_std * float(part[last:end].sum())
         known, end = end, end + len(run.rounded_to)
-        powers = tuple(
-            POWER.value(x) * step for x, step in zip(part[known:end].tolist(), run.rounded_to.tolist(), strict=True)
-        )
+        steps = zip(part[known:end].tolist(), run.rounded_to.tolist(), strict=True)
+        powers = tuple(POWER.value(x) * step for x, step in steps)
+        varied, end = part[end : end + len(run.varied)].tolist(), end + len(run.varied)
+        factors = tuple((name, exp(std * x)) for (name, std), x in zip(run.varied.items(), varied, strict=True))
         beginning = run.known_beginning
         if run.is_in_motion:
             stds = self.beginning_std(run)
             beginning = stds.with_values(std * x for std, x in zip(stds.values, part[end:].tolist(), strict=True))
         delay = 0.0 if run.is_quasi_static else self.delay_at(part)
-        return Nuisance(delay, start, switches, run.is_quasi_static, ambient, beginning, powers)
+        return Nuisance(delay, start, switches, run.is_quasi_static, ambient, beginning, powers, factors)
 
     def delay_at(self, z: Vector) -> float:
         """The delay [s]."""
@@ -173,6 +176,11 @@ class Problem:
     def at_tolerance(self, rtol: float) -> Problem:
         """The same with another solver.rtol."""
         return replace(self, config=self.config.variant({'solver.rtol': rtol}))
+
+
+def factor_of(parameter: str) -> FreeParameter:
+    """The unknown by which a parameter is another one in a recording."""
+    return replace(FACTOR, name=f'{FACTOR.name} of {parameter}')
 
 
 def values_in_order(known: Sequence[FreeParameter], values: Vector, asked: Sequence[FreeParameter]) -> Vector:
@@ -232,7 +240,7 @@ def evaluate(task: EvaluationTask) -> list[Matrix | None]:
     found: list[Matrix | None] = [None] * len(task.points)
     for (_, nuisance), points in alike.items():
         try:
-            models = [task.points[k][0].model(task.run.bench) for k in points]
+            models = [task.points[k][0].model(task.run.bench, factors=nuisance.factors) for k in points]
             for k, residuals in zip(points, residuals_of_all(models, task.run, nuisance), strict=True):
                 found[k] = residuals if np.isfinite(residuals).all() else None
         except SimulationError:
@@ -411,7 +419,8 @@ def differences_apart(
         for j, free in enumerate(problem.free)
         if free.name.startswith('effects.') and free.low < free.high and part[j] < free.low + DEFAULT_STEP
     }
-    for own in (*problem.places(run, AMBIENT), *problem.places(run, POWER)):
+    inputs = AMBIENT, POWER, factor_of(GAIN)
+    for own in (place for unknown in inputs for place in problem.places(run, unknown)):
         steps[own] = part[own] + (INPUT_STEP if part[own] < 0.0 else -INPUT_STEP)
     found = []
     for j, there in steps.items():

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sma_sim.evidence.data.recording import Dataset, Recording
-from sma_sim.evidence.estimation.residuals import FitData, beginning_stds, steps_of_powers, with_late_changes
+from sma_sim.evidence.estimation.residuals import GAIN, FitData, beginning_stds, steps_of_powers, with_late_changes
 from sma_sim.model.shown import joined_words
 
 AMBIENT_STD = 3.0  # [K]: by which rooms differ from day to day
@@ -19,8 +19,8 @@ ZERO_PART = 0.05  # of what a channel usually changes by: sensors are set by han
 class RecordingDifference:
     """Something that each recording has its own: the `zeros` of channels, each with its prior (SI); the `ambient`
     temperature; what is left of a motion before it (`in_motion`); how late each command takes effect (`late_commands`);
-    what each power was before it was rounded (`rounded_commands`); or a wire that gets no power, by the sign of its
-    commands (`unpowered_side`), in some `recordings`.
+    what each power was before it was rounded (`rounded_commands`); a `parameter`, with the standard deviation of its
+    logarithm; or a wire that gets no power, by the sign of its commands (`unpowered_side`), in some `recordings`.
 
     `words` name it.
     """
@@ -31,6 +31,7 @@ class RecordingDifference:
     in_motion: bool = False
     late_commands: bool = False
     rounded_commands: bool = False
+    parameter: tuple[str, float] | None = None
     unpowered_side: int = 0
     recordings: tuple[str, ...] = ()
 
@@ -49,6 +50,8 @@ class RecordingDifference:
             return replace(run, source=source, changed=changed, interval=interval, group=np.arange(len(changed)))
         if self.rounded_commands:
             return replace(run, rounded_to=steps_of_powers(run.source))
+        if self.parameter:
+            return replace(run, varied={**run.varied, **dict([self.parameter])})
         return replace(run, unpowered_side=self.unpowered_side) if run.name in self.recordings else run
 
     def in_recording(self, recording: Recording) -> Recording:
@@ -64,6 +67,8 @@ class RecordingDifference:
             return replace(recording, late_commands=True)
         if self.rounded_commands:
             return replace(recording, rounded_commands=True)
+        if self.parameter:
+            return replace(recording, varied={**recording.varied, **dict([self.parameter])})
         return replace(recording, unpowered_side=self.unpowered_side) if recording.name in self.recordings else recording
 
 
@@ -75,6 +80,12 @@ def zeros_of(stds: Mapping[str, float]) -> RecordingDifference:
 AMBIENT = RecordingDifference('the ambient temperature', ambient=True)
 IN_MOTION = RecordingDifference('how warm its wires are when it begins', in_motion=True)
 LATE_COMMANDS = RecordingDifference('how late each command takes effect', late_commands=True)
+# Of the logarithm: a fan, a draught or another posture (Morgan, Adv. Heat Transfer 11, 1975: a factor of two between
+# correlations); a bundle that was clamped anew, by a fifth of a per cent of its length; a battery that has emptied
+CONVECTION_STD, LENGTH_STD, SUPPLY_STD = 0.2, 0.002, 0.05
+CONVECTION = RecordingDifference('the heat transfer to the air', parameter=('wire.lambda', CONVECTION_STD))
+LENGTH = RecordingDifference('the length of its wires', parameter=('wire.l0', LENGTH_STD))
+SUPPLY = RecordingDifference('the power that its driver gives', parameter=(GAIN, SUPPLY_STD))
 ROUNDED_COMMANDS = RecordingDifference('the rounding of commands', rounded_commands=True)
 
 

@@ -38,6 +38,7 @@ WARMTH_STD = 40.0  # [K] of wires that were in use before: transformation takes 
 USUAL_TIME = 1.0  # [s] of a motion of wires in air
 SOFTEST = 1.5e10  # [Pa] of wires: a strain that was set to zero under load lacks no more than stress over this
 LATENESS = 0.2  # [s] between commands that take effect soonest and latest, as messages of a busy computer do
+GAIN = 'power'  # among the parameters of a recording: by how much more power its driver gives than is written
 MAX_SWITCHES = 24  # with more changes of the command than this, all share one fraction
 DIGITS = 3  # of powers that may have been rounded: with more they are known to a thousandth, which no sensor shows
 SOLVER_NOISE = 0.3  # error of a sample in units of rtol times the channel's size (docs/explanation/calibration.md)
@@ -72,7 +73,7 @@ class FitData:
     variance of the noise that is what repeated experiments differ by; empty where that is not known. `rounding`: by channel
     whose rounding noise does not hide. `noise`: by channel whose noise is known to be correlated. `rounded_to`
     (powers,): multiples of what [W] the powers that were commanded, one after the other, were rounded to; empty where they
-    are known.
+    are known. `varied`: by parameter that may be another one in this recording, the standard deviation of its logarithm.
     """
 
     name: str
@@ -102,6 +103,7 @@ class FitData:
     rounding: Mapping[str, Rounding] = field(default_factory=dict)
     noise: Mapping[str, NoiseProcess] = field(default_factory=dict)
     rounded_to: Vector = field(default_factory=lambda: np.zeros(0))
+    varied: Mapping[str, float] = field(default_factory=dict)
     _last_plan: list[tuple[Nuisance, Plan]] = field(init=False, repr=False, compare=False, default_factory=list)
 
     @property
@@ -134,9 +136,9 @@ class FitData:
         """The columns of all channels that it may have, by channel."""
         return columns_of_family(self.structure)
 
-    def on_bench(self, config: Config) -> Config:
-        """The configuration on the bench of this recording."""
-        return config.on_bench(self.bench)
+    def on_bench(self, config: Config, nuisance: Nuisance | None = None) -> Config:
+        """The configuration on the bench of this recording, as its robot was then."""
+        return config.on_bench(self.bench).scaled(dict(nuisance.factors) if nuisance else {})
 
 
 @dataclass(frozen=True)
@@ -160,6 +162,9 @@ class Nuisance:
         What is left at its start of a motion before it; by default the run begins at rest.
     powers : tuple of float
         Of the powers that were commanded, one after the other, by how much each was more than is written [W].
+    factors : tuple of (str, float)
+        Parameters that were other ones in this recording, the power of its driver (``'power'``) among them, and how many
+        times as large they were.
     """
 
     delay: float = 0.0
@@ -169,6 +174,7 @@ class Nuisance:
     ambient: float = 0.0
     beginning: Beginning = AT_REST
     powers: tuple[float, ...] = ()
+    factors: tuple[tuple[str, float], ...] = ()
 
 
 def hidden_rtol(dataset: Dataset) -> float:
@@ -233,6 +239,7 @@ def fit_data(
         beginning_std=beginning_stds(structure) if recording.in_motion else AT_REST,
         rounding=recording.rounding,
         rounded_to=steps_of_powers(source) if recording.rounded_commands else np.zeros(0),
+        varied=recording.varied,
     )
 
 
@@ -386,11 +393,13 @@ def with_powers(source: Input, powers: Sequence[float]) -> Input:
     return Input(source.times, values, source.linear, source.names)
 
 
-def effective_input(source: Input, unpowered_side: int, ambient: float) -> Input:
-    """The input with the power of the wires that were heated, and `ambient` [K] above its ambient temperature."""
-    if not unpowered_side and not ambient:
+def effective_input(source: Input, unpowered_side: int, ambient: float, gain: float = 1.0) -> Input:
+    """The input with the power of the wires that were heated, `gain` times what is written, and `ambient` [K] above its
+    ambient temperature."""
+    if not unpowered_side and not ambient and gain == 1.0:
         return source
     values, command = source.values.copy(), command_column(source)
+    values[:, command] *= gain
     values[:, command] = np.where(np.sign(values[:, command]) == unpowered_side, 0.0, values[:, command])
     values[:, -1] += ambient
     return Input(source.times, values, source.linear, source.names)
@@ -509,7 +518,7 @@ def simulated(
     """
     nuisance = nuisance or Nuisance()
     run = prepared(recording)
-    config = run.on_bench(config)
+    config = run.on_bench(config, nuisance)
     source, asked, index = planned_run(run, nuisance)
     source, model = held_until(source, float(asked[-1])), Model(config)
     initial_state = run.initial_state or start_of(model, source, nuisance)
@@ -536,7 +545,7 @@ def planned_run(run: FitData, nuisance: Nuisance) -> Plan:
             return plan
     times = run.time - nuisance.delay
     commanded = with_powers(with_switches(run, nuisance.switches), nuisance.powers)
-    source = effective_input(commanded, run.unpowered_side, nuisance.ambient)
+    source = effective_input(commanded, run.unpowered_side, nuisance.ambient, dict(nuisance.factors).get(GAIN, 1.0))
     early = int(np.searchsorted(times, source.times[0], side='right'))
     asked = np.concatenate([source.times[:1], times[early:]])
     plan = source, asked, np.maximum(np.arange(len(times)) - early + 1, 0)
@@ -545,11 +554,12 @@ def planned_run(run: FitData, nuisance: Nuisance) -> Plan:
 
 
 def weighted_residuals(config: Config | Model, run: FitData, nuisance: Nuisance | None = None) -> NDArray[np.float64]:
-    """(model - measured)/noise, (channels, k), 0 where a sample is missing; a model is on the bench of the run already.
+    """(model - measured)/noise, (channels, k), 0 where a sample is missing; a model is on the bench of the run already,
+    as its robot was then.
 
     Raises SimulationError.
     """
-    model = config if isinstance(config, Model) else Model(run.on_bench(config))
+    model = config if isinstance(config, Model) else Model(run.on_bench(config, nuisance))
     return residuals_of_all([model], run, nuisance or Nuisance())[0]
 
 

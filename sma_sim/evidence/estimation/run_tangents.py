@@ -90,7 +90,7 @@ def linearized_by_tangents(task: TangentTask) -> tuple[Matrix, NDArray[np.float6
             return None
         index = planned_run(run, nuisance)[2]
         shown = np.array([found.trajectory[run.columns[name]] for name in run.channels])[:, index]
-        as_exact, model = looser(run, config.config) == 1.0, config.model(run.bench)
+        as_exact, model = looser(run, config.config) == 1.0, config.model(run.bench, factors=nuisance.factors)
         here = compared(run, shown, nuisance) if as_exact else smoothed_residuals(model, run, nuisance)
         is_the_run = as_exact and not found.smoothed
         if here is not None and is_the_run:
@@ -102,7 +102,7 @@ def linearized_by_tangents(task: TangentTask) -> tuple[Matrix, NDArray[np.float6
         correction = None if is_the_run or here is None else residuals - here
         nearby = replace(run, correction=correction)
         beside = {
-            j: (weighted_residuals(moved.model(run.bench), nearby, there) - residuals) / step
+            j: (weighted_residuals(moved.model(run.bench, factors=there.factors), nearby, there) - residuals) / step
             for j, step, moved, there in task.apart
         }
     except SimulationError:
@@ -124,12 +124,13 @@ def sensitivities_of(task: TangentTask) -> Sensitivities | None:
     """The run with the tangents of all unknowns."""
     run, (pickled, nuisance) = task.run, task.point
     source, asked, _ = planned_run(run, nuisance)
-    model = pickled.model(run.bench, looser(run, pickled.config))
+    model = pickled.model(run.bench, looser(run, pickled.config), nuisance.factors)
     work = new_work(model)
     initial_state = run.initial_state or started(model, source, nuisance, work)
     neighbours = []
     for other, moved in task.moved:
-        beside = None if other is pickled else other.model(run.bench, looser(run, other.config))
+        is_same = other is pickled and moved.factors == nuisance.factors
+        beside = None if is_same else other.model(run.bench, looser(run, other.config), moved.factors)
         initial_run, other_source = None, None
         if run.initial_state is None and (beside is not None or initial_conditions(moved) != initial_conditions(nuisance)):
             initial_run = started(beside or model, source, moved, work)

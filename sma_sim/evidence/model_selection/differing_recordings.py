@@ -1,5 +1,5 @@
 """What may differ between the recordings of a campaign: zeros of sensors, the ambient temperature, how late commands take
-effect, what they were before they were rounded, a wire without power.
+effect, what they were before they were rounded, a parameter, a wire without power.
 
 Each recording has its own.
 """
@@ -20,6 +20,7 @@ from sma_sim.evidence.estimation.problem import (
     SWITCH,
     LinearizedRun,
     Problem,
+    factor_of,
     linearize,
     residuals_at,
     with_difference,
@@ -27,9 +28,12 @@ from sma_sim.evidence.estimation.problem import (
 from sma_sim.evidence.estimation.projection import Projection
 from sma_sim.evidence.estimation.recording_differences import (
     AMBIENT,
+    CONVECTION,
     IN_MOTION,
     LATE_COMMANDS,
+    LENGTH,
     ROUNDED_COMMANDS,
+    SUPPLY,
     ZERO_PART,
     RecordingDifference,
     zeros_of,
@@ -40,6 +44,10 @@ from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.solver.effect_table import channel_scales
 from sma_sim.solver.simulate import SimulationError
 
+# What recordings may have their own unknowns of, and which these are
+OWN = {LATE_COMMANDS: SWITCH, ROUNDED_COMMANDS: POWER} | {
+    one: factor_of(one.parameter[0]) for one in (CONVECTION, LENGTH, SUPPLY) if one.parameter
+}
 WITHOUT_POWER = 0.75  # part of its squares to which a run must fall without a command to be tried as one that lost it
 
 
@@ -56,8 +64,7 @@ def promises(problem: Problem, z: Vector, context: SearchContext) -> dict[Record
         return moving
     project = Projection(linear, len(z), problem.tempering)
     found = promised_zeros(problem, project)
-    of_commands = {LATE_COMMANDS: SWITCH, ROUNDED_COMMANDS: POWER}
-    others = {one: responses_of_commands(problem, z, one, unknown, context) for one, unknown in of_commands.items()}
+    others = responses_in_runs(problem, z, context)
     if not problem.differences:
         others[AMBIENT] = responses_to_ambient(problem, z, linear, context)
     found |= {one: gain(*project.products_of_runs(responses)) for one, responses in others.items() if responses}
@@ -109,25 +116,26 @@ def responses_to_ambient(
     return changes if len(changes) == len(linear) else []
 
 
-def responses_of_commands(
-    problem: Problem, z: Vector, difference: RecordingDifference, unknown: FreeParameter, context: SearchContext
-) -> list[Matrix]:
-    """The change of each run's residuals, (commands, values), by one standard deviation of an unknown of each of its
-    commands; none where these are known, where they are too many, or where the model cannot be run."""
-    differing, start = with_difference(problem, z, difference)
-    counts = [len(differing.places(run, unknown)) for run in differing.runs]
-    if difference in problem.differences or max(counts) > MAX_SWITCHES or not any(counts):
-        return []
+def responses_in_runs(problem: Problem, z: Vector, context: SearchContext) -> dict[RecordingDifference, list[Matrix]]:
+    """By what each recording may have its own unknowns of (OWN), the change of each run's residuals, (unknowns, values), by
+    one standard deviation of each; without those that are known, that are too many, or where the model cannot be run."""
+    differing, start, kinds = problem, z, dict[RecordingDifference, FreeParameter]()
+    for difference, unknown in OWN.items():
+        larger, there = with_difference(differing, start, difference)
+        counts = [len(larger.places(run, unknown)) for run in larger.runs]
+        if difference not in problem.differences and 0 < max(counts) <= MAX_SWITCHES:
+            differing, start, kinds = larger, there, {**kinds, difference: unknown}
     at = len(problem.shared)
     moving = replace(differing, config=problem.fitted(z), free=(), delay=differing.delay_at(start))
     try:
         linear = linearize(moving, start[at:], context.pool)
     except SimulationError:
-        return []
-    return [
-        there.jacobian[moving.places(run, unknown)].reshape(count, run.measured.size)
-        for there, run, count in zip(linear, moving.runs, counts, strict=True)
-    ]
+        return {}
+    rows = {one: [moving.places(run, unknown) for run in moving.runs] for one, unknown in kinds.items()}
+    return {
+        one: [there.jacobian[own].reshape(len(own), -1) for there, own in zip(linear, of_one, strict=True)]
+        for one, of_one in rows.items()
+    }
 
 
 def gain(squares: Matrix, products: Vector) -> float:

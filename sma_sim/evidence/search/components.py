@@ -25,7 +25,7 @@ from sma_sim.model.effects.scope import SEPARATOR
 from sma_sim.solver.inputs import Input
 
 NEUTRAL = 1e-9  # distance from a neutral value, in standard deviations of the prior, that is rounding
-NO_ZEROS = 7  # kinds beside one zero: several, ambient, motion before, commands late or rounded, power of either side
+NO_ZEROS = 10  # kinds beside one zero: several, ambient, motion before, commands late or rounded, parameters, power
 
 
 @dataclass(frozen=True)
