@@ -133,7 +133,7 @@ def amounts(difference: RecordingDifference, diagnosis: Diagnosis) -> Iterator[t
         elif difference.rounded_commands:
             yield run.name, statistics.pstdev(run.powers or (0.0,))
         elif difference.parameter:
-            yield run.name, dict(run.factors).get(difference.parameter[0], 1.0) - 1.0
+            yield run.name, dict(run.factors).get(difference.parameter, 1.0) - 1.0
         elif difference.in_motion:
             yield run.name, max(run.beginning.warmth, default=0.0)
         else:

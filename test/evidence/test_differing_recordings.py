@@ -406,8 +406,7 @@ def test_commands_that_were_rounded():
 @pytest.mark.parametrize(('difference', 'factor'), [(CONVECTION, 1.25), (LENGTH, 0.998), (SUPPLY, 0.94)])
 def test_a_parameter_that_is_another_one_in_a_recording(difference, factor):
     """Its derivative is that of the residuals, it promises most, and a fit finds the quotient of two recordings."""
-    name, std = difference.parameter
-    varied = {name: factor}
+    name, varied = difference.parameter, {difference.parameter: factor}
     problem = problem_for(sma_sim.Dataset((recorded(0), recorded(1, factors=varied)), NOISE), sma_sim.Config(), OPTIONS, 1)
     z = start_point(problem)
     differing, start = with_difference(problem, z, difference)

@@ -19,8 +19,8 @@ ZERO_PART = 0.05  # of what a channel usually changes by: sensors are set by han
 class RecordingDifference:
     """Something that each recording has its own: the `zeros` of channels, each with its prior (SI); the `ambient`
     temperature; what is left of a motion before it (`in_motion`); how late each command takes effect (`late_commands`);
-    what each power was before it was rounded (`rounded_commands`); a `parameter`, with the standard deviation of its
-    logarithm; or a wire that gets no power, by the sign of its commands (`unpowered_side`), in some `recordings`.
+    what each power was before it was rounded (`rounded_commands`); a `parameter`, with the `std` of its logarithm; or a
+    wire that gets no power, by the sign of its commands (`unpowered_side`), in some `recordings`.
 
     `words` name it.
     """
@@ -31,7 +31,8 @@ class RecordingDifference:
     in_motion: bool = False
     late_commands: bool = False
     rounded_commands: bool = False
-    parameter: tuple[str, float] | None = None
+    parameter: str = ''
+    std: float = 0.0
     unpowered_side: int = 0
     recordings: tuple[str, ...] = ()
 
@@ -51,7 +52,7 @@ class RecordingDifference:
         if self.rounded_commands:
             return replace(run, rounded_to=steps_of_powers(run.source))
         if self.parameter:
-            return replace(run, varied={**run.varied, **dict([self.parameter])})
+            return replace(run, varied={**run.varied, self.parameter: self.std})
         return replace(run, unpowered_side=self.unpowered_side) if run.name in self.recordings else run
 
     def in_recording(self, recording: Recording) -> Recording:
@@ -68,7 +69,7 @@ class RecordingDifference:
         if self.rounded_commands:
             return replace(recording, rounded_commands=True)
         if self.parameter:
-            return replace(recording, varied={**recording.varied, **dict([self.parameter])})
+            return replace(recording, varied={**recording.varied, self.parameter: self.std})
         return replace(recording, unpowered_side=self.unpowered_side) if recording.name in self.recordings else recording
 
 
@@ -83,9 +84,9 @@ LATE_COMMANDS = RecordingDifference('how late each command takes effect', late_c
 # Of the logarithm: a fan, a draught or another posture (Morgan, Adv. Heat Transfer 11, 1975: a factor of two between
 # correlations); a bundle that was clamped anew, by a fifth of a per cent of its length; a battery that has emptied
 CONVECTION_STD, LENGTH_STD, SUPPLY_STD = 0.2, 0.002, 0.05
-CONVECTION = RecordingDifference('the heat transfer to the air', parameter=('wire.lambda', CONVECTION_STD))
-LENGTH = RecordingDifference('the length of its wires', parameter=('wire.l0', LENGTH_STD))
-SUPPLY = RecordingDifference('the power that its driver gives', parameter=(GAIN, SUPPLY_STD))
+CONVECTION = RecordingDifference('the heat transfer to the air', parameter='wire.lambda', std=CONVECTION_STD)
+LENGTH = RecordingDifference('the length of its wires', parameter='wire.l0', std=LENGTH_STD)
+SUPPLY = RecordingDifference('the power that its driver gives', parameter=GAIN, std=SUPPLY_STD)
 ROUNDED_COMMANDS = RecordingDifference('the rounding of commands', rounded_commands=True)
 
 

@@ -46,7 +46,7 @@ from sma_sim.solver.simulate import SimulationError
 
 # What recordings may have their own unknowns of, and which these are
 OWN = {LATE_COMMANDS: SWITCH, ROUNDED_COMMANDS: POWER} | {
-    one: factor_of(one.parameter[0]) for one in (CONVECTION, LENGTH, SUPPLY) if one.parameter
+    one: factor_of(one.parameter) for one in (CONVECTION, LENGTH, SUPPLY)
 }
 WITHOUT_POWER = 0.75  # part of its squares to which a run must fall without a command to be tried as one that lost it
 

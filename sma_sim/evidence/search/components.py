@@ -25,7 +25,7 @@ from sma_sim.model.effects.scope import SEPARATOR
 from sma_sim.solver.inputs import Input
 
 NEUTRAL = 1e-9  # distance from a neutral value, in standard deviations of the prior, that is rounding
-NO_ZEROS = 10  # kinds beside one zero: several, ambient, motion before, commands late or rounded, parameters, power
+NO_ZEROS = 10  # beside one zero: several, ambient, motion before, late or rounded commands, 3 parameters, unpowered sides
 
 
 @dataclass(frozen=True)
