@@ -373,7 +373,7 @@ def test_a_value_is_implausible_from_where_its_whole_interval_is_outside(monkeyp
     plain = Parameter('a', 2.0, 'Pa', (0.1, 100.0), '')
     module = 'sma_sim.evidence.estimation.plausibility'
     monkeypatch.setattr(f'{module}.declared_parameters', lambda _: {'a': plain, 'b': ranged})
-    two_wires = SimpleNamespace(structure=SimpleNamespace(wires=2))
+    two_wires = SimpleNamespace(wires=2)
     config, std = SimpleNamespace(parameters={'wire.E_A': 2.0, 'wire.E_M': 1.0}, structure=two_wires), 0.1
     low, high = (-4.0 - 12.0 * RANGE_TOLERANCE) / 4.0, (8.0 + 12.0 * RANGE_TOLERANCE) / 4.0
     for k, ends, reason in ((0, (-MAX_PRIOR_STDS, MAX_PRIOR_STDS), 'nominal'), (1, (low, high), 'realistic')):
