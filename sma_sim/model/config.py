@@ -249,7 +249,7 @@ class Config(Comparable):
         return made
 
     def scaled(self, factors: Mapping[str, float]) -> Config:
-        """The same with some parameters multiplied (`variant`); what is none is left out."""
+        """The same with some parameters multiplied, unchecked as by `variant`; what is none is left out."""
         own = {name: factor * self.parameters[name] for name, factor in factors.items() if name in self.parameters}
         return self.variant(own) if own else self
 

@@ -70,6 +70,7 @@ class ColumnsOfChannels(Mapping[str, str]):
 # Columns of the file contract that every recording has, by system.
 NEEDED_COLUMNS = OfSystems(lambda structure: ('time_s', *structure.needed_columns))
 CHANNEL_COLUMNS = ColumnsOfChannels()
+GAIN = 'power'  # among the parameters of a recording: by how much more power its driver gives than is written
 STD_SUFFIX = ' std'  # of the column with the noise of each row, while a file is read
 HIDDEN_COLUMN = re.compile(r'(x_M|mode)(_\d+)?')  # no sensor shows them: not compared
 
@@ -199,6 +200,7 @@ class Recording(Shown, Saved, Comparable):
             ('zero_std', 'channel', known),
             ('drift_std', 'channel', known),
             ('imposed_std', 'column', drives),
+            ('varied', 'parameter', [*self.structure.default_values, GAIN]),
         ):
             for name, std in getattr(self, field_name).items():
                 if name not in names or not 0.0 <= std < inf:

@@ -17,10 +17,11 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.evidence.data.recording import GAIN
 from sma_sim.evidence.estimation.executors import PickledConfig, in_turn, workers_of
 from sma_sim.evidence.estimation.free_parameters import FreeParameter
 from sma_sim.evidence.estimation.recording_differences import LATE_COMMANDS, RecordingDifference
-from sma_sim.evidence.estimation.residuals import GAIN, LATENESS, FitData, Nuisance, residuals_of_all, with_states
+from sma_sim.evidence.estimation.residuals import LATENESS, FitData, Nuisance, residuals_of_all, with_states
 from sma_sim.evidence.estimation.run_tangents import TangentTask, linearized_by_tangents, tangents_apply
 from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import Config

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sma_sim.evidence.data.recording import Dataset, Recording
-from sma_sim.evidence.estimation.residuals import GAIN, FitData, beginning_stds, steps_of_powers, with_late_changes
+from sma_sim.evidence.data.recording import GAIN, Dataset, Recording
+from sma_sim.evidence.estimation.residuals import FitData, beginning_stds, steps_of_powers, with_late_changes
 from sma_sim.model.shown import joined_words
 
 AMBIENT_STD = 3.0  # [K]: by which rooms differ from day to day

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.data.noise import estimate_noise
 from sma_sim.evidence.data.noise_process import NoiseProcess
-from sma_sim.evidence.data.recording import Dataset, Recording, columns_of_family, is_resistance
+from sma_sim.evidence.data.recording import GAIN, Dataset, Recording, columns_of_family, is_resistance
 from sma_sim.evidence.data.rounding import Rounding
 from sma_sim.evidence.estimation.prepared_fit import check_data
 from sma_sim.model.argument_checks import check_fields, checked
@@ -38,7 +38,6 @@ WARMTH_STD = 40.0  # [K] of wires that were in use before: transformation takes 
 USUAL_TIME = 1.0  # [s] of a motion of wires in air
 SOFTEST = 1.5e10  # [Pa] of wires: a strain that was set to zero under load lacks no more than stress over this
 LATENESS = 0.2  # [s] between commands that take effect soonest and latest, as messages of a busy computer do
-GAIN = 'power'  # among the parameters of a recording: by how much more power its driver gives than is written
 MAX_SWITCHES = 24  # with more changes of the command than this, all share one fraction
 DIGITS = 3  # of powers that may have been rounded: with more they are known to a thousandth, which no sensor shows
 SOLVER_NOISE = 0.3  # error of a sample in units of rtol times the channel's size (docs/explanation/calibration.md)
@@ -239,7 +238,7 @@ def fit_data(
         beginning_std=beginning_stds(structure) if recording.in_motion else AT_REST,
         rounding=recording.rounding,
         rounded_to=steps_of_powers(source) if recording.rounded_commands else np.zeros(0),
-        varied=recording.varied,
+        varied={name: std for name, std in recording.varied.items() if std > 0.0},
     )
 
 

@@ -131,9 +131,12 @@ def responses_in_runs(problem: Problem, z: Vector, context: SearchContext) -> di
         linear = linearize(moving, start[at:], context.pool)
     except SimulationError:
         return {}
+    runs = list(zip(moving.runs, linear, strict=True))
     rows = {one: [moving.places(run, unknown) for run in moving.runs] for one, unknown in kinds.items()}
     return {
-        one: [there.jacobian[own].reshape(len(own), -1) for there, own in zip(linear, of_one, strict=True)]
+        one: [
+            there.jacobian[own].reshape(len(own), run.measured.size) for own, (run, there) in zip(of_one, runs, strict=True)
+        ]
         for one, of_one in rows.items()
     }
 
