@@ -21,7 +21,7 @@ from sma_sim.solver.inputs import Input, requested_times, segments
 from sma_sim.solver.integrate import InputStretches, Limits, Run
 from sma_sim.solver.model import Model, new_findings
 from sma_sim.solver.simulate import Trajectory, copy_of_run, new_log, new_work, stall_step, trajectory
-from sma_sim.solver.smoothed_input import Leeway, Stretches, smoothed, under_lines
+from sma_sim.solver.smoothed_input import Leeway, Shifts, Stretches, smoothed, under_lines
 from sma_sim.solver.stepper import STAGES
 from sma_sim.solver.tangent_nodes import Tangents
 from sma_sim.solver.tangents import follow
@@ -36,7 +36,7 @@ PACE_STEP = 1e-3  # [s], for the pace of a clock
 class Neighbour:
     """A run in which one unknown is moved: what differs from the run itself, None for what does not.
 
-    `source` may differ in the times of its rows alone.
+    `source` has the same rows, which may be at other times and have other values.
     """
 
     model: Model | None = None
@@ -90,17 +90,19 @@ def timed_channels(model: Model, numbers: NDArray[np.int64]) -> NDArray[np.int64
     return np.asarray(timed.any(axis=0), dtype=np.int64)
 
 
-def row_shifts(source: Input, neighbours: Sequence[Neighbour], delta: float) -> Matrix | None:
-    """Derivatives of the times of the stretches of an input (rows, unknowns); None where neighbours have other rows."""
-    times, values, _ = segments(source)
-    shifts = np.zeros((len(times), padded(len(neighbours))))
+def shifts_of_rows(source: Input, neighbours: Sequence[Neighbour], delta: float) -> Shifts | None:
+    """Derivatives of the stretches of an input in unknowns; None where neighbours have other rows."""
+    (times, values, slopes), count = segments(source), padded(len(neighbours))
+    found = Shifts(np.zeros((len(times), count)), *np.zeros((2, len(times), count, values.shape[1])))
     for j, neighbour in enumerate(neighbours):
         if neighbour.source is not None:
-            moved, same, _ = segments(neighbour.source)
-            if same.shape != values.shape or not np.allclose(same, values, rtol=1e-4, atol=1e-9):
+            there, own, inclined = segments(neighbour.source)
+            if own.shape != values.shape or not np.allclose(own, values, rtol=1e-4, atol=1e-9):
                 return None
-            shifts[:, j] = (moved - times) / delta
-    return shifts
+            found.times[:, j] = (there - times) / delta
+            found.values[:, j] = (own - values - slopes * (there - times)[:, None]) / delta  # at the same time
+            found.slopes[:, j] = (inclined - slopes) / delta
+    return found
 
 
 def differences_of_starts(run: Run, neighbours: Sequence[Neighbour], delta: float) -> tuple[Matrix, Matrix]:
@@ -182,7 +184,7 @@ def simulate_with_tangents(
     Sensitivities
         None where a neighbour's input has other rows, or the input only one, so that there is no derivative.
     """
-    shifts, (times, values, slopes) = row_shifts(source, neighbours, DELTA), segments(source)
+    shifts, (times, values, slopes) = shifts_of_rows(source, neighbours, DELTA), segments(source)
     if shifts is None or len(times) < 2:
         return None
     run, begin = copy_of_run(model, initial_state), float(source.times[0])
@@ -193,12 +195,13 @@ def simulate_with_tangents(
     is_smoothed = lines is not None
     if lines is not None:
         stretches = under_lines(lines)
-        shifts, work = np.zeros((len(lines.times), shifts.shape[1])), work._replace(u=np.zeros(lines.values.shape[1]))
+        row_shift = np.zeros((len(lines.times), shifts.times.shape[1]))
+        work = work._replace(u=np.zeros(lines.values.shape[1]))
     else:
         times, values, slopes = held_until((times, values, slopes), seen)
-        shifts = np.pad(shifts, ((0, len(times) - len(shifts)), (0, 0)))
+        shifts = shifts.held_until(len(times))
         stretches = InputStretches(times, values, slopes, model.uses_time)
-        lines = Stretches(times, values, slopes, *np.zeros((2, 0, shifts.shape[1], values.shape[1])))
+        row_shift, lines = shifts.times, Stretches(times, values, slopes, shifts.values, shifts.slopes)
     antagonistic = model.compiled.antagonistic and lines.values.shape[1] == values.shape[1]
     p, records = model.compiled._replace(antagonistic=antagonistic), moved_systems(model, neighbours, antagonistic)
     s, r = differences_of_starts(run, neighbours, DELTA)
@@ -211,7 +214,7 @@ def simulate_with_tangents(
         timed=timed_channels(model, numbers),
         systems=records.addresses,
         delta=DELTA,
-        row_shift=shifts,
+        row_shift=row_shift,
         value_shift=lines.value_shifts,
         slope_shift=lines.slope_shifts,
         moved_u=np.zeros_like(work.u),

@@ -72,6 +72,24 @@ class Stretches(NamedTuple):
     slope_shifts: Arrays
 
 
+class Shifts(NamedTuple):
+    """Derivatives of an input in unknowns: of the times of its rows (k, P), of its values and slopes at the same time
+    (k, P, columns)."""
+
+    times: Matrix
+    values: Arrays
+    slopes: Arrays
+
+    def held_until(self, rows: int) -> Shifts:
+        """With as many rows, the last one held; of values and slopes none where these stay."""
+        further = ((0, rows - len(self.times)), (0, 0))
+        times = np.pad(self.times, further)
+        if not (self.values.any() or self.slopes.any()):
+            return Shifts(times, self.values[:0], self.slopes[:0])
+        values, slopes = (np.pad(one, (*further, (0, 0)), mode='edge') for one in self[1:])
+        return Shifts(times, values, slopes)
+
+
 class Partition(NamedTuple):
     """Rows of an input that are taken together: `first` (k + 1,) of each stretch and of the end, and the line of each."""
 
@@ -96,12 +114,12 @@ class Identity:
 
 
 def smoothed(
-    model: Model, source: Input, until: float, leeway: Leeway | None = None, row_shift: Matrix | None = None
+    model: Model, source: Input, until: float, leeway: Leeway | None = None, shifts: Shifts | None = None
 ) -> Stretches | None:
     """The heating of every wire and T_E [W, K] in fewer stretches; None where none can be taken together.
 
-    The last values are held up to the time `until` [s]. `row_shift` (rows, P): derivatives of the times of the rows in
-    unknowns. Without `leeway` temperatures may differ by as much as the tolerance of the model allows.
+    The last values are held up to the time `until` [s]. `shifts`: derivatives of the rows in unknowns. Without `leeway`
+    temperatures may differ by as much as the tolerance of the model allows.
     """
     p, wire = model.compiled, model.wire
     if p.drives or not p.coordinates or any(source.linear):
@@ -113,9 +131,13 @@ def smoothed(
     largest = float(found.heating[:, :-1].max()) / wire.n
     if not passes_lines(model.config.effects, model.structure, wire, largest):
         return None
-    shifts = shifts_of_lines(found, np.zeros((len(found.times), 0)) if row_shift is None else row_shift)
-    made = Stretches(found.times[found.first], found.lines, found.tilts, *shifts)
-    return made if until <= made.times[-1] else held_lines(made, found.heating[-1], until)
+    rows, values, _ = segments(source)
+    if shifts is None:
+        shifts = Shifts(np.zeros((len(rows), 0)), *np.zeros((2, len(rows), 0, values.shape[1])))
+    by_heating = shifts_of_heating(shifts.values, values, p.wires, p.antagonistic)
+    of_lines = shifts_of_lines(found, shifts.times, by_heating)
+    made = Stretches(found.times[found.first], found.lines, found.tilts, *of_lines)
+    return made if until <= made.times[-1] else held_lines(made, found.heating[-1], by_heating[-1:], until)
 
 
 @lru_cache(64)
@@ -135,9 +157,10 @@ def partition(key: Identity, wires: int, antagonistic: bool, leeway: Leeway) -> 
     return Partition(times, heating, first[: count + 1].copy(), lines[:count].copy(), tilts[:count].copy())  # views keep all
 
 
-def held_lines(made: Stretches, heating: Vector, until: float) -> Stretches:
-    """With one stretch more, in which the heating (columns,) stays up to a time [s]."""
-    shifts = [np.pad(one, ((0, len(one[:1])), (0, 0), (0, 0))) for one in made[3:]]
+def held_lines(made: Stretches, heating: Vector, shift: Arrays, until: float) -> Stretches:
+    """With one stretch more, in which the heating (columns,) and its derivatives (1, P, columns) stay up to a time [s]."""
+    held = shift[: len(made.value_shifts)]  # none where nothing has any
+    shifts = np.concatenate([made.value_shifts, held]), np.concatenate([made.slope_shifts, np.zeros_like(held)])
     values, slopes = np.vstack([made.values, heating]), np.vstack([made.slopes, np.zeros_like(heating)])
     return Stretches(np.append(made.times, until), values, slopes, *shifts)
 
@@ -150,10 +173,20 @@ def under_lines(lines: Stretches) -> InputStretches:
 
 def heating_of_wires(values: Matrix, wires: int, antagonistic: bool) -> Matrix:
     """The heating of the bundles, and T_E (k, wires + 1), from the columns of an input."""
-    power, T_E = values[:, :-1], values[:, -1:]
-    if antagonistic:
-        power = np.stack([power, -power], axis=2).reshape(len(values), wires)
-    return np.ascontiguousarray(np.hstack([np.maximum(power, 0.0), T_E]))
+    power = power_of_wires(values, wires, antagonistic)
+    return np.ascontiguousarray(np.hstack([np.maximum(power, 0.0), values[:, -1:]]))
+
+
+def power_of_wires(columns: Matrix | Arrays, wires: int, antagonistic: bool) -> NDArray[np.float64]:
+    """What the columns of an input (..., columns) mean for each bundle (..., wires): none is heated by less than nothing."""
+    power = columns[..., :-1]
+    return np.stack([power, -power], axis=-1).reshape(*power.shape[:-1], wires) if antagonistic else power
+
+
+def shifts_of_heating(shifts: Arrays, values: Matrix, wires: int, antagonistic: bool) -> Arrays:
+    """Derivatives of the heating of the bundles, and of T_E (k, P, wires + 1), from those of the columns of an input."""
+    heats = power_of_wires(values, wires, antagonistic)[:, None] > 0.0
+    return np.concatenate([np.where(heats, power_of_wires(shifts, wires, antagonistic), 0.0), shifts[..., -1:]], axis=2)
 
 
 def take_together(times: Vector, heating: Matrix, most: Vector, first: Integers, lines: Matrix, tilts: Matrix) -> int:
@@ -203,26 +236,31 @@ def is_smooth(k: int, size: int, times: Vector, heating: Matrix, most: Vector) -
     return True
 
 
-def shifts_of_lines(partition: Partition, row_shift: Matrix) -> tuple[Arrays, Arrays]:
-    """Derivatives of the lines in unknowns that shift rows (k, P, columns): none where no row moves.
+def shifts_of_lines(partition: Partition, row_shift: Matrix, value_shift: Arrays) -> tuple[Arrays, Arrays]:
+    """Derivatives of the lines in unknowns (k, P, columns), from those of the times (rows, P) and of the heating (rows, P,
+    columns) of their rows; none where neither changes.
 
     A row at which the heating rises by d and that comes later by s brings d s less at its time: an impulse. A stretch takes
-    those of its rows, that of its beginning too, as the line with their sum and their first moment.
+    those of its rows, that of its beginning too, and what these bring more, as the line with their sum and first moment.
     """
     times, heating, first = partition[:3]
     count, columns = len(first) - 1, heating.shape[1]
-    if not row_shift.any():
+    if not (row_shift.any() or value_shift.any()):
         empty = np.zeros((0, row_shift.shape[1], columns))
         return empty, empty
     values, slopes = np.zeros((2, count, row_shift.shape[1], columns))
     rise = np.diff(heating, axis=0, prepend=heating[:1])
-    impulses = -row_shift[:, :, None] * rise[:, None, :]
+    impulses, lengths = -row_shift[:, :, None] * rise[:, None, :], np.diff(times)
+    amounts, middles = value_shift[:-1] * lengths[:, None, None], times[:-1] + 0.5 * lengths
     for k in range(count):
         rows = slice(first[k], first[k + 1])
         length = times[first[k + 1]] - times[first[k]]
-        about = times[rows] - times[first[k]] - 0.5 * length
-        slopes[k] = 12.0 * np.tensordot(about, impulses[rows], 1) / length**3
-        values[k] = impulses[rows].sum(axis=0) / length - 0.5 * slopes[k] * length
+        center = times[first[k]] + 0.5 * length
+        moments = np.tensordot(times[rows] - center, impulses[rows], 1) + np.tensordot(
+            middles[rows] - center, amounts[rows], 1
+        )
+        slopes[k] = 12.0 * moments / length**3
+        values[k] = (impulses[rows].sum(axis=0) + amounts[rows].sum(axis=0)) / length - 0.5 * slopes[k] * length
     return values, slopes
 
 

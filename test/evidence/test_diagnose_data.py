@@ -73,7 +73,7 @@ def test_a_robot_that_never_moved():
 
 
 def test_one_run_says_that_it_flatters(folder, tmp_path, capsys):
-    """All the way through the command line, with every file."""
+    """All the way through the command line, with every file; creep of the beam explains a single run as well as gravity."""
     outputs = [tmp_path / name for name in ('why.html', 'why.json', 'better.yaml')]
     words = ['--report', outputs[0], '--json', outputs[1], '-o', outputs[2], '--model', 'mas']
     assert main(['diagnose', *map(str, [folder / 'run1.csv', '--config', folder / 'nominal.yaml', *words])]) == 0
@@ -81,7 +81,8 @@ def test_one_run_says_that_it_flatters(folder, tmp_path, capsys):
     assert 'one run was fitted' in said and all(str(path) in said and path.exists() for path in outputs)
     verdict = json.loads(outputs[1].read_text())
     assert verdict['held_out'] == [] and verdict['error'][0]['held_out'] is None
-    assert verdict['ranking'][0]['effect'] == 'gravity' and 0.0 < verdict['ranking'][0]['held_out_error_ratio'] < 1.0
+    ratios = {one['effect']: one['held_out_error_ratio'] for one in verdict['ranking'][:2]}
+    assert 0.0 < ratios['gravity'] < 1.0 and verdict['probabilities']['effects']['gravity'] > 0.05
 
 
 def test_a_bag_of_several_modules(robot, tmp_path, capsys):

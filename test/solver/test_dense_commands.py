@@ -7,7 +7,7 @@ import pytest
 from closed_loops import closed_loop
 from systems import active, make_model
 
-from sma_sim import Input, module_input, simulate
+from sma_sim import module_input, simulate
 from sma_sim.model.effects.conversion import effect_on
 from sma_sim.model.effects.discovery import ActiveEffect, package_effects
 from sma_sim.model.parameters import wire_constants
@@ -16,7 +16,7 @@ from sma_sim.solver import smoothed_input
 from sma_sim.solver.inputs import input_between, segments
 from sma_sim.solver.sensitivities import Neighbour, simulate_with_tangents
 from sma_sim.solver.simulate import new_run, new_work
-from sma_sim.solver.smoothed_input import TEMPERATURE_SCALE, Leeway, heating_of_wires, passes_lines, smoothed
+from sma_sim.solver.smoothed_input import TEMPERATURE_SCALE, Leeway, Shifts, heating_of_wires, passes_lines, smoothed
 
 DURATION, DELTA = 20.0, 1e-6
 ROWS = 50 * DURATION
@@ -111,7 +111,7 @@ def tolerance(model):
 
 
 def smoothed_at(model, source, shifts=None):
-    return smoothed(model, source, float(source.times[-1]), row_shift=shifts)
+    return smoothed(model, source, float(source.times[-1]), shifts=shifts)
 
 
 def test_stretches_keep_mean_and_first_moment_of_every_wire():
@@ -159,7 +159,7 @@ def test_shifts_of_rows_are_shifts_of_moments():
     times = segments(source)[0]
     shift = np.zeros((len(times), 8))
     shift[1:-1, 3] = np.random.default_rng(2).uniform(0.0, 0.02, len(times) - 2)
-    found = smoothed_at(model, source, shift)
+    found = smoothed_at(model, source, Shifts(shift, *np.zeros((2, len(times), 8, 2))))
     k = int(np.argmax(np.diff(np.searchsorted(times, found.times))))
     rows = np.arange(*np.searchsorted(times, found.times[k : k + 2]))
     heating = heating_of_wires(segments(source)[1], 2, True)
@@ -174,7 +174,7 @@ def test_shifts_of_rows_are_shifts_of_moments():
 # Tangents
 
 
-def tangents_of(model, source, names, channels, moved_rows=None):
+def tangents_of(model, source, names, channels, *moved_inputs):
     def started(one):
         return new_run(one, np.asarray(source.values[0]), new_work(one))
 
@@ -183,20 +183,24 @@ def tangents_of(model, source, names, channels, moved_rows=None):
         other = type(model)(replace(model.config, parameters=parameters))
         return Neighbour(other, started(other))
 
-    beside = [moved(name) for name in names] + ([Neighbour(source=moved_rows)] if moved_rows is not None else [])
+    beside = [moved(name) for name in names]
+    beside += [Neighbour(None, new_run(model, other.values[0], new_work(model)), other) for other in moved_inputs]
     return simulate_with_tangents(model, source, TIMES, started(model), channels, beside)
 
 
 @pytest.mark.parametrize('kind', ['hybrid', 'mas'])
 def test_tangents_of_a_closed_loop(kind, monkeypatch):
-    """Of parameters, and of the moments at which the command had changed; the run differs by no more than is allowed."""
+    """Of parameters, of the power, of the ambient temperature, and of the moments at which the command had changed; the run
+    differs by no more than is allowed."""
     model = make_model('module', kind, solver__rtol=1e-4 if kind == 'hybrid' else 3e-5)
     source = closed_loop(model, DURATION, 0)
     later = source.times + DELTA * np.r_[0.0, np.full(len(source.times) - 2, 0.01), 0.0]
-    given = (model, source, ('wire.E_A', 'wire.c_V', 'wire.lambda', 'beam.E'), ('U_y', 'alpha', 'F_1', 'T_2'))
-    found = tangents_of(*given, Input(later, source.values, source.linear, source.names))
+    names, channels = ('wire.E_A', 'wire.c_V', 'wire.lambda', 'beam.E'), ('U_y', 'alpha', 'F_1', 'T_2')
+    changes = [1.0 + np.array([1.0, 0.0]) * DELTA, 1.0 + np.array([0.0, 0.01]) * DELTA]
+    inputs = [replace(source, values=source.values * change) for change in changes] + [replace(source, times=later)]
+    found = tangents_of(model, source, names, channels, *inputs)
     monkeypatch.setattr(smoothed_input, 'SMOOTHED', 0.0)
-    row_by_row = tangents_of(*given, Input(later, source.values, source.linear, source.names))
+    row_by_row = tangents_of(model, source, names, channels, *inputs)
     assert found.trajectory.steps < 0.8 * row_by_row.trajectory.steps
     size = np.sqrt((row_by_row.tangents**2).mean(axis=2))
     size[:-1] = size[:-1].max(axis=0)

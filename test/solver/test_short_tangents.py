@@ -7,7 +7,7 @@ import pytest
 from systems import active
 
 from sma_sim import Config, Input, Model, default_parameters, module_input, simulate, wire_input
-from sma_sim.solver.sensitivities import Neighbour, direct_states, padded, row_shifts, simulate_with_tangents
+from sma_sim.solver.sensitivities import Neighbour, direct_states, padded, shifts_of_rows, simulate_with_tangents
 from sma_sim.solver.simulate import copy_of_run, new_run, new_work
 
 DELTA, STEP, RTOL = 1e-6, 1e-3, 1e-6
@@ -108,16 +108,57 @@ def test_a_clock_that_gains_is_counted_from_the_beginning_of_the_run():
 
 def test_shifts_of_rows_are_derivatives_of_their_times():
     beside = [Neighbour(), Neighbour(source=times_moved(PULSE, 1, 3.0 * DELTA)), Neighbour(source=PULSE)]
-    shifts = row_shifts(PULSE, beside, DELTA)
-    assert shifts.shape[1] == padded(3) == 8 and padded(8) == 8 and padded(9) == 16
-    assert shifts[:, 1] == pytest.approx([0.0, 3.0, 0.0], abs=1e-6) and not shifts[:, [0, 2, 3]].any()
+    shifts = shifts_of_rows(PULSE, beside, DELTA)
+    assert shifts.times.shape[1] == padded(3) == 8 and padded(8) == 8 and padded(9) == 16
+    assert shifts.times[:, 1] == pytest.approx([0.0, 3.0, 0.0], abs=1e-6) and not shifts.times[:, [0, 2, 3]].any()
+    assert not shifts.values.any() and len(shifts.held_until(4).values) == 0 and shifts.held_until(4).times.shape == (4, 8)
     for size, same in ((0.5e-4, True), (1.5e-4, False)):  # of a difference between rows that are taken for the same
-        near = row_shifts(PULSE, [Neighbour(source=replace(PULSE, values=PULSE.values * (1.0 + size)))], DELTA)
+        near = shifts_of_rows(PULSE, [Neighbour(source=replace(PULSE, values=PULSE.values * (1.0 + size)))], DELTA)
         assert (near is not None) == same
     other = replace(PULSE, values=PULSE.values + 0.1)
-    assert row_shifts(PULSE, [Neighbour(source=other)], DELTA) is None
+    assert shifts_of_rows(PULSE, [Neighbour(source=other)], DELTA) is None
     fewer = module_input([0.0, 0.1], [14.0, -9.0])
-    assert row_shifts(PULSE, [Neighbour(source=fewer)], DELTA) is None
+    assert shifts_of_rows(PULSE, [Neighbour(source=fewer)], DELTA) is None
+
+
+def test_shifts_of_rows_are_derivatives_of_their_values_at_the_same_time():
+    """A row that moves along its line changes nothing; one that rises turns the lines before and after it."""
+    along = replace(times_moved(RAMP, 1, DELTA), values=RAMP.values + [[0, 0, 0], [0.045 * DELTA, 0, 0], [0, 0, 0]])
+    higher = replace(RAMP, values=RAMP.values + np.array([[0, 0, 0], [2e-3, 0.3, 1.0], [0, 0, 1.0]]) * DELTA)
+    shifts = shifts_of_rows(RAMP, [Neighbour(source=along), Neighbour(source=higher)], DELTA)
+    assert shifts.times[1, 0] == pytest.approx(1.0) and shifts.values[:1, 0] == pytest.approx(0.0)
+    assert shifts.slopes[0, 0] == pytest.approx([-0.0, 0.0, 0.0], abs=1e-6)
+    assert shifts.values[:, 1] == pytest.approx(np.array([[0, 0, 0], [2e-3, 0.3, 1.0], [0, 0, 1.0]]), abs=1e-6)
+    assert shifts.slopes[:, 1, 0] == pytest.approx([0.02, -0.02, 0.0], abs=1e-6)
+    longer = shifts.held_until(4)
+    assert (longer.values[3] == shifts.values[2]).all() and not longer.times[3].any()
+
+
+@pytest.mark.parametrize('kinetics', ['hybrid', 'mas'])
+@pytest.mark.parametrize('column', [0, 1, 2])
+def test_tangents_of_what_a_wire_is_given_are_those_of_differences(kinetics, column):
+    """Of a strain that goes up and down in lines, of a power and of the ambient temperature, from which it begins; the last
+    values are held for longer than the input."""
+    config, channels, times = configuration(kinetics), ('stress', 'T'), np.linspace(0.0, 0.25, 29)
+    change = np.array([[2e-4, 0.0, 2.0], [1e-4, 0.1, 2.0], [-2e-4, 0.0, 2.0]]) * (np.arange(3) == column)
+
+    def given(part):
+        return replace(RAMP, values=RAMP.values + part * change)
+
+    def shown(part):
+        held = replace(
+            given(part), times=np.r_[RAMP.times, 0.25], values=np.vstack([given(part).values, given(part).values[-1:]])
+        )
+        return run_at(config, held, times, channels)
+
+    model = Model(config)
+    first, beside = (new_run(model, given(part).values[0], new_work(model)) for part in (0.0, DELTA))
+    found = simulate_with_tangents(model, RAMP, times, first, channels, (Neighbour(None, beside, given(DELTA)),))
+    ends = [shown(sign * 10.0 * STEP) for sign in (1.0, -1.0)]
+    for c, name in enumerate(('stress_Pa', 'T_K')):
+        expected = (ends[0][name] - ends[1][name]) / (20.0 * STEP)
+        size = np.sqrt(np.mean(expected**2)) + 1e-5 * np.abs(ends[0][name]).max()
+        assert np.sqrt(np.mean((found.tangents[0, c] - expected) ** 2)) < 0.01 * size, name
 
 
 @pytest.mark.parametrize('system', ['module', 'wire', 'lever', 'wire_under_load_at_T'])

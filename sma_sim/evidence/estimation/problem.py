@@ -17,7 +17,6 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.evidence.data.recording import GAIN
 from sma_sim.evidence.estimation.executors import PickledConfig, in_turn, workers_of
 from sma_sim.evidence.estimation.free_parameters import FreeParameter
 from sma_sim.evidence.estimation.recording_differences import LATE_COMMANDS, RecordingDifference
@@ -37,7 +36,6 @@ MIN_STEP, MAX_STEP = 1e-6, 0.02  # of differences, in standard deviations of the
 MAX_RUN_STEP = 0.005  # of a start: a MAS wire leaves the neighbourhood of sigma_A at once, so curvature is high there
 CURVATURE = 4.0  # each derivative relative to the one before, in z
 SOLVER_ERROR = 40.0  # of a sample, in units of its noise and of solver.rtol (docs/explanation/calibration.md)
-INPUT_STEP = 0.1  # of differences in an ambient temperature, or in a power, in standard deviations of its prior
 DELAY = FreeParameter('delay', 0.0, 0.05, -10.0, 100.0, False, 's')
 START = FreeParameter('start', 0.5, 0.5, -1.0, 1.0, False, '-')
 AMBIENT = FreeParameter('ambient', 0.0, 1.0, -5.0, 5.0, False, 'K')  # in standard deviations of the recording's prior
@@ -412,17 +410,13 @@ def differences_apart(
 ) -> tuple[tuple[int, float, PickledConfig, Nuisance], ...]:
     """Unknowns without tangents, and how far each is moved to where.
 
-    They are the ambient temperature and powers, which are inputs, and parameters of effects at their lower bounds, where a
-    tangent may see nothing of an effect that is switched off.
+    They are parameters of effects at their lower bounds, where a tangent may see nothing of an effect that is switched off.
     """
     steps = {
         j: min(part[j] + DEFAULT_STEP, free.high) if part[j] < free.high else free.low  # bounds may be close
         for j, free in enumerate(problem.free)
         if free.name.startswith('effects.') and free.low < free.high and part[j] < free.low + DEFAULT_STEP
     }
-    inputs = AMBIENT, POWER, factor_of(GAIN)
-    for own in (place for unknown in inputs for place in problem.places(run, unknown)):
-        steps[own] = part[own] + (INPUT_STEP if part[own] < 0.0 else -INPUT_STEP)
     found = []
     for j, there in steps.items():
         at = part.copy()

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.evidence.data.recording import GAIN
 from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.evidence.estimation.residuals import (
     FitData,
@@ -131,11 +132,13 @@ def sensitivities_of(task: TangentTask) -> Sensitivities | None:
     for other, moved in task.moved:
         is_same = other is pickled and moved.factors == nuisance.factors
         beside = None if is_same else other.model(run.bench, looser(run, other.config), moved.factors)
-        initial_run, other_source = None, None
-        if run.initial_state is None and (beside is not None or initial_conditions(moved) != initial_conditions(nuisance)):
-            initial_run = started(beside or model, source, moved, work)
-        if moved.switches != nuisance.switches:
-            other_source = planned_run(run, replace(moved, delay=nuisance.delay))[0]
+        other_source = (
+            planned_run(run, replace(moved, delay=nuisance.delay))[0] if input_of(moved) != input_of(nuisance) else None
+        )
+        begins_alike = moved.ambient == nuisance.ambient and initial_conditions(moved) == initial_conditions(nuisance)
+        initial_run = None
+        if run.initial_state is None and (beside is not None or not begins_alike):
+            initial_run = started(beside or model, other_source or source, moved, work)
         neighbours.append(Neighbour(beside, initial_run, other_source))
     return simulate_with_tangents(
         model,
@@ -147,6 +150,11 @@ def sensitivities_of(task: TangentTask) -> Sensitivities | None:
         step_limit(source, run.step_limited, samples=len(run.time)),
         run.leeway,
     )
+
+
+def input_of(nuisance: Nuisance) -> tuple[object, ...]:
+    """What of a nuisance says what a run was given."""
+    return nuisance.switches, nuisance.powers, nuisance.ambient, dict(nuisance.factors).get(GAIN)
 
 
 def initial_conditions(nuisance: Nuisance) -> tuple[tuple[float, ...], Beginning]:

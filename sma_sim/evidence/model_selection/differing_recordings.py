@@ -15,7 +15,6 @@ from sma_sim.evidence.estimation.free_parameters import FreeParameter
 from sma_sim.evidence.estimation.motion_before import motion_before
 from sma_sim.evidence.estimation.problem import AMBIENT as ROOM
 from sma_sim.evidence.estimation.problem import (
-    INPUT_STEP,
     POWER,
     SWITCH,
     LinearizedRun,
@@ -45,7 +44,7 @@ from sma_sim.solver.effect_table import channel_scales
 from sma_sim.solver.simulate import SimulationError
 
 # What recordings may have their own unknowns of, and which these are
-OWN = {LATE_COMMANDS: SWITCH, ROUNDED_COMMANDS: POWER} | {
+OWN = {AMBIENT: ROOM, LATE_COMMANDS: SWITCH, ROUNDED_COMMANDS: POWER} | {
     one: factor_of(one.parameter) for one in (CONVECTION, LENGTH, SUPPLY)
 }
 WITHOUT_POWER = 0.75  # part of its squares to which a run must fall without a command to be tried as one that lost it
@@ -65,9 +64,7 @@ def promises(problem: Problem, z: Vector, context: SearchContext) -> dict[Record
     project = Projection(linear, len(z), problem.tempering)
     found = promised_zeros(problem, project)
     others = responses_in_runs(problem, z, context)
-    if not problem.differences:
-        others[AMBIENT] = responses_to_ambient(problem, z, linear, context)
-    found |= {one: gain(*project.products_of_runs(responses)) for one, responses in others.items() if responses}
+    found |= {one: gain(*project.products_of_runs(responses)) for one, responses in others.items()}
     for side in (1, -1):
         found |= unpowered_side(problem, z, linear, side, context)
     return {one: taken for one, taken in (found | moving).items() if one.words not in known}
@@ -100,20 +97,6 @@ def promised_zeros(problem: Problem, project: Projection) -> dict[RecordingDiffe
         several = zeros_of({name: std for name, std in stds.items() if name in chosen})
         found = dict([*list(found.items())[:1], (several, gain(*parts[best]))])
     return found
-
-
-def responses_to_ambient(
-    problem: Problem, z: Vector, linear: Sequence[LinearizedRun], context: SearchContext
-) -> list[Matrix]:
-    """The change of each run's residuals, (1, values), by one standard deviation of its ambient temperature; none where the
-    model cannot be run."""
-    differing, start = with_difference(problem, z, AMBIENT)
-    for own, run in zip(differing.indices(), differing.runs, strict=True):
-        start[own[differing.places(run, ROOM)]] = INPUT_STEP
-    moved = residuals_at(differing, start, context.pool)
-    pairs = zip(moved, linear, strict=True)
-    changes = [((there - run.residuals) / INPUT_STEP).reshape(1, -1) for there, run in pairs if there is not None]
-    return changes if len(changes) == len(linear) else []
 
 
 def responses_in_runs(problem: Problem, z: Vector, context: SearchContext) -> dict[RecordingDifference, list[Matrix]]:
