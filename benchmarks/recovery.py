@@ -30,6 +30,7 @@ from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.estimation.prepared_fit import prepare
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit
+from sma_sim.model.effects.discovery import find_effects
 from sma_sim.model.effects.scope import SEPARATOR
 from sma_sim.words.diagnosis_data import as_data
 
@@ -50,6 +51,7 @@ STRENGTHS = {
 }
 ERRORS = (1.02, 1.05, 1.1, 1.2, 1.5, 2.0, 3.0)
 EDGES = (1.0, 1.035, 1.075, 1.15, 1.3, 1.7, 2.5, math.inf)  # of the errors by which cases are counted
+WEAKER = 0.9  # times a strength that no listed effect has
 PLAN = RecordingPlan(3, 100.0, 20.0)
 
 
@@ -71,7 +73,18 @@ def at_strength(
     start = prepare(training, full.nominal, 'mas')
     left = nominal_fit(start, DiagnosisRequest().options, SearchContext(pool, Event())).error
     factor = math.sqrt((error**2 - 1.0) / max(left**2 - 1.0, 1e-4))
-    return scaled(truth, values, STRENGTHS[effect], factor), factor
+    while not is_listed(made := scaled(truth, values, STRENGTHS[effect], factor), full.robot.parameters):
+        factor *= WEAKER
+    return made, factor
+
+
+def is_listed(truth: Truth, parameters: Mapping[str, float]) -> bool:
+    """Whether the library's effect may have the values of a truth that is drawn from one point: no heat is less than none."""
+    if truth.listed is None:
+        return True
+    values = {p.name: p.realistic[0] for p in truth.parameters if p.realistic}
+    bounds = {p.name: p.bounds for p in find_effects()[truth.library].parameters}
+    return all(bounds[name][0] <= value <= bounds[name][1] for name, value in truth.listed(values, parameters).items())
 
 
 def solve(effect: str, error: float, seed: int, forces: bool, pool: Executor) -> dict[str, Any]:
