@@ -79,7 +79,7 @@ def at_strength(
 
 
 def is_listed(truth: Truth, parameters: Mapping[str, float]) -> bool:
-    """Whether the library's effect may have the values of a truth that is drawn from one point: no heat is less than none."""
+    """Whether the library's effect may have the values of a truth that is drawn from one point: no heat is below none."""
     if truth.listed is None:
         return True
     values = {p.name: p.realistic[0] for p in truth.parameters if p.realistic}
