@@ -8,7 +8,7 @@ given.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 
@@ -24,17 +24,13 @@ from sma_sim.evidence.diagnosis.conclusion import (
     conclusion,
     verdicts_by_run,
 )
-from sma_sim.evidence.estimation.calibrate import Calibration, full_problem
+from sma_sim.evidence.estimation.calibrate import Calibration
 from sma_sim.evidence.estimation.executors import executor_or_threads
-from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.held_out_prediction import RunFit, pooled_error
 from sma_sim.evidence.estimation.interruption import stoppable
-from sma_sim.evidence.estimation.noise_at_rest import noise_at_rest, with_noise_of
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, implausible_in
 from sma_sim.evidence.estimation.prepared_fit import PreparedFit, check_data, check_systems, prepare
-from sma_sim.evidence.estimation.problem import residuals_at, start_point
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
-from sma_sim.evidence.estimation.run_subset import on_all_runs
 from sma_sim.evidence.estimation.search_context import OnProgress, SearchContext
 from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fits, report_model
@@ -44,7 +40,7 @@ from sma_sim.evidence.search.equations import Proposal, has_terms, proposal_of
 from sma_sim.evidence.search.posterior import Posterior, posterior_of
 from sma_sim.evidence.search.refine import on_run_subset, with_all_runs
 from sma_sim.evidence.search.steps import SelectionStep, path_to, steps_along
-from sma_sim.evidence.set_up.check import faults_after_fit, faults_before_fits
+from sma_sim.evidence.set_up.check import faults_after_fit, faults_before_fits, noise_after_search, with_noise_at_rest
 from sma_sim.evidence.set_up.faults import Fault, is_uncertain, without_faults
 from sma_sim.model.archive import Saved
 from sma_sim.model.argument_checks import checked
@@ -322,8 +318,7 @@ def search_effects(
     It does not begin where it is not certain what is wrong with the recordings.
     """
     options, nominal = request.options, nominal_fits(start, request.options, context)
-    best = min(nominal, key=lambda fit: fit.cost)
-    everything = pooled(start.dataset, held_out)
+    best, everything = min(nominal, key=lambda fit: fit.cost), pooled(start.dataset, held_out)
     later = () if context.stop.is_set() else faults_after_fit(everything, best, options, context)
     if later:
         training, held_out = without_faults(start.dataset, held_out, later)
@@ -332,11 +327,12 @@ def search_effects(
     data = StageData(start.dataset, held_out, options)
     uncertain = is_uncertain(faults)
     if not (uncertain or context.stop.is_set()):
-        nominal = with_noise_at_rest(nominal, data, context)
+        nominal = with_noise_at_rest(nominal, pooled(start.dataset, held_out), options, context)
     subsets = [on_run_subset(fit) for fit in nominal]
     book = search(subsets, context, most=0, equations=False) if uncertain else search(subsets, context, request.equation)
     posterior = posterior_of(book)
-    noise = () if uncertain or context.stop.is_set() else noise_after(posterior.best.fit, data, faults, context)
+    stopped = uncertain or context.stop.is_set()
+    noise = () if stopped else noise_after_search(posterior.best.fit, start.dataset, options, faults, context)
     if noise:
         training, held_out = without_faults(start.dataset, held_out, noise)
         return search_effects(start.on(training), held_out, request, context, (*faults, *noise))
@@ -378,29 +374,6 @@ def search_effects(
         by_held_out_run={} if context.stop.is_set() else verdicts_by_run(book, posterior, data, end),
         set_up=faults,
     )
-
-
-def with_noise_at_rest(nominal: Sequence[FitResult], data: StageData, context: SearchContext) -> list[FitResult]:
-    """The nominal fits with what all samples, beside the best of them, tell of noise that is correlated."""
-    best = min(nominal, key=lambda fit: fit.cost)
-    whole = full_problem(pooled(data.training, data.held_out), best, data.options)
-    left = residuals_at(whole, on_all_runs(best, whole, start_point(whole)), context.pool)
-    if any(rows is None for rows in left):
-        return list(nominal)
-    processes = noise_at_rest(whole, [rows for rows in left if rows is not None])
-    return [replace(fit, problem=with_noise_of(fit.problem, processes)) for fit in nominal]
-
-
-def noise_after(best: FitResult, data: StageData, faults: Sequence[Fault], context: SearchContext) -> tuple[Fault, ...]:
-    """A noise that is stated too large, of channels of which that is not known yet: the best model leaves less, where what
-    the nominal one lacked hid that."""
-    if best.error * CRITERIA.noise_only >= 1.0:
-        return ()
-    known = {name for fault in faults if fault.kind == 'noise' for name in fault.quantities}
-    names = {run.name for run in best.problem.runs}
-    seen = tuple(recording for recording in data.training.recordings if recording.name in names)
-    found = faults_after_fit(replace(data.training, recordings=seen), best, data.options, context)
-    return tuple(fault for fault in found if fault.kind == 'noise' and not known & {*fault.quantities})
 
 
 def held_out_ratios(first: SelectionStep, before: ModelStage, data: StageData, context: SearchContext) -> dict[str, float]:

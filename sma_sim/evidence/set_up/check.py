@@ -25,7 +25,7 @@ from sma_sim.evidence.estimation.calibrate import SEARCH_SAMPLES, FitOptions, fu
 from sma_sim.evidence.estimation.executors import run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.levenberg_marquardt import bounded_step, refit
-from sma_sim.evidence.estimation.noise_at_rest import noise_at_rest
+from sma_sim.evidence.estimation.noise_at_rest import noise_at_rest, with_noise_of
 from sma_sim.evidence.estimation.overdispersion import overdispersion_of
 from sma_sim.evidence.estimation.problem import (
     LinearizedRun,
@@ -150,6 +150,33 @@ def faults_after_fit(dataset: Dataset, fit: FitResult, options: FitOptions, cont
     dataset = with_differences(dataset, fit.problem.differences)
     whole = full_problem(dataset, fit, options)
     return wrong_samples(whole, on_all_runs(fit, whole, start_point(whole)), dataset, True, context)
+
+
+def noise_after_search(
+    best: FitResult, dataset: Dataset, options: FitOptions, faults: Sequence[Fault], context: SearchContext
+) -> tuple[Fault, ...]:
+    """A noise that is stated too large, of channels of which that is not known yet: the best model leaves less, where what
+    the nominal one lacked hid that."""
+    if best.error * CRITERIA.noise_only >= 1.0:
+        return ()
+    known = {name for fault in faults if fault.kind == 'noise' for name in fault.quantities}
+    names = {run.name for run in best.problem.runs}
+    seen = tuple(recording for recording in dataset.recordings if recording.name in names)
+    found = faults_after_fit(replace(dataset, recordings=seen), best, options, context)
+    return tuple(fault for fault in found if fault.kind == 'noise' and not known & {*fault.quantities})
+
+
+def with_noise_at_rest(
+    nominal: Sequence[FitResult], dataset: Dataset, options: FitOptions, context: SearchContext
+) -> list[FitResult]:
+    """The nominal fits with what all samples, beside the best of them, tell of noise that is correlated."""
+    best = min(nominal, key=lambda fit: fit.cost)
+    whole = full_problem(dataset, best, options)
+    left = residuals_at(whole, on_all_runs(best, whole, start_point(whole)), context.pool)
+    if any(rows is None for rows in left):
+        return list(nominal)
+    processes = noise_at_rest(whole, [rows for rows in left if rows is not None])
+    return [replace(fit, problem=with_noise_of(fit.problem, processes)) for fit in nominal]
 
 
 def wrong_samples(
