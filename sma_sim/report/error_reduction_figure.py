@@ -35,7 +35,14 @@ def draw_error_reduction(steps: Sequence[Mapping[str, Any]]) -> Figure:
     axis.set_yticks(ticks, [f'{tick:g}' for tick in ticks])
     axis.set_ylim(low, high)
     axis.set_xlim(-0.3, len(steps) - 0.5)
-    axis.set_xticks(positions, [f'+ {step["effects"][-1]}' if step['effects'] else 'nominal model' for step in steps])
+    axis.set_xticks(positions, [added_by(step, before) for step, before in zip(steps, [None, *steps], strict=False)])
     axis.set_ylabel('normalized RMSE')
     axis.legend(frameon=False)
     return figure
+
+
+def added_by(step: Mapping[str, Any], before: Mapping[str, Any] | None) -> str:
+    """What a step has that the one before has not."""
+    if before is not None and len(step.get('differences', ())) > len(before.get('differences', ())):
+        return 'recordings differ'
+    return f'+ {step["effects"][-1]}' if step['effects'] else 'nominal model'

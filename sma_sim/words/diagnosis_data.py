@@ -204,6 +204,7 @@ def error_of(stage: ModelStage) -> dict[str, Any]:
     """The errors of one stage."""
     return {
         'effects': plain_names(stage.effects),
+        'differences': stage.differences,
         'model': stage.model,
         'train': stage.train,
         'held_out': stage.held_out,

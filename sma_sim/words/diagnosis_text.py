@@ -60,6 +60,7 @@ TAKEN_UNREALISTIC = (
     'Not realistic: {values}. The effect is taken since nothing realistic explains nearly as much; make sure that your '
     'robot can have it.'
 )
+DIFFERING = ', recordings differ'
 LESS_PROBABLE = '; they speak no less for {names}, less probable only by its prior (more free parameters, or rarer values)'
 TOGETHER = 'With the held-out runs fitted too: {verdict} Normalized RMSE {first:.2f} without, {last:.2f} with.'
 SAME_VERDICT = 'The verdict is the same whichever of the {count} runs is held out.'
@@ -84,8 +85,8 @@ def as_text(diagnosis: Diagnosis) -> Iterator[str]:
         )
     yield f'{"normalized RMSE (1: as good as the sensors)":<44} fitted  held out'
     for stage in diagnosis.stages:
-        name = ' + '.join(stage.effects) or 'nominal model'
-        yield f'  {name + " (" + stage.model + ")":<42} {error_number(stage.train):>6}  {error_number(stage.held_out):>8}'
+        name = f'{" + ".join(stage.effects) or "nominal model"}{DIFFERING if stage.differences else ""} ({stage.model})'
+        yield f'  {name:<42} {error_number(stage.train):>6}  {error_number(stage.held_out):>8}'
     yield from remarks(diagnosis)
 
 

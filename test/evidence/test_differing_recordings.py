@@ -51,6 +51,7 @@ from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.evidence.search.components import Component, difference_component
 from sma_sim.evidence.search.refine import Model, without_difference
+from sma_sim.report.html.diagnosis_page import write_diagnosis_page
 from sma_sim.solver.inputs import Input, inputs_at
 from sma_sim.words.diagnosis_data import as_data
 from sma_sim.words.diagnosis_text import as_text
@@ -346,6 +347,18 @@ def test_rooms_are_told_by_their_differences_with_intervals_that_hold_them():
     for name, there in difference['above_first'].items():
         assert there['low'] <= true[name] <= there['high'] and there['high'] - there['low'] < 0.3
     assert any('run2 +0.' in line and '(+0.' in line for line in as_text(found))
+
+
+def test_a_model_whose_recordings_differ_is_said_to_be_one_wherever_it_is_shown(tmp_path):
+    """In the verdict, in its data, and on the page: beside the one whose recordings do not."""
+    recordings = (recorded(0), recorded(1, alpha=0.01), recorded(2))
+    dataset, found = diagnosed(*recordings)
+    assert [one['differences'] for one in as_data(found)['error']] == [[], ['the zero of alpha']]
+    rows = [line.split('  ')[1] for line in as_text(found) if line.startswith('  nominal model')]
+    assert rows == ['nominal model (hybrid)', 'nominal model, recordings differ (hybrid)']
+    write_diagnosis_page(tmp_path / 'why.html', reviewed(found, dataset, None, sma_sim.Config()))
+    page = (tmp_path / 'why.html').read_text()
+    assert 'that the recordings differ in the zero of alpha.' in page and 'recordings<br>that differ' in page
 
 
 def test_a_held_out_run_in_another_room_is_no_effect():

@@ -205,13 +205,15 @@ class ModelStage:
     """A model of a diagnosis: its fit, and the held-out runs as it predicts them (none where no run is held out).
 
     `kind`, compared with the stage before: `nominal` is the first; an effect was `added`, or `retracted` because held-out
-    runs are predicted better without it; a `formula` was added for what no known effect explains.
+    runs are predicted better without it; a `formula` was added for what no known effect explains. `differences`: in what
+    its recordings differ.
     """
 
     kind: StageKind
     effects: tuple[str, ...]
     calibration: Calibration
     predicted: tuple[RunFit, ...]
+    differences: tuple[str, ...] = ()
 
     @property
     def model(self) -> str:
@@ -313,7 +315,7 @@ def provisional_stage(data: StageData, kind: StageKind, fit: FitResult, context:
     data = data.under(fit, context)
     whole = replace(fit, problem=full_problem(data.training, fit, data.options))
     found = calibration_of(whole, context)
-    return ModelStage(kind, fit.effects, found, data.predicted(fit, context))
+    return ModelStage(kind, fit.effects, found, data.predicted(fit, context), words_of_differences(fit))
 
 
 def final_stage(data: StageData, kind: StageKind, fit: FitResult, context: SearchContext) -> ModelStage:
@@ -324,7 +326,13 @@ def final_stage(data: StageData, kind: StageKind, fit: FitResult, context: Searc
     options = replace(data.options, free=tuple(p.name for p in fit.problem.free))
     found = final_calibration(data.training, fit, options, context)
     predicted = data.predicted(found, context)
-    return ModelStage(kind, fit.effects, with_ambient_of_held_out(found, fit, data, predicted, context), predicted)
+    found = with_ambient_of_held_out(found, fit, data, predicted, context)
+    return ModelStage(kind, fit.effects, found, predicted, words_of_differences(fit))
+
+
+def words_of_differences(fit: FitResult) -> tuple[str, ...]:
+    """In what the recordings differ in a model."""
+    return tuple(one.words for one in fit.problem.differences)
 
 
 def with_ambient_of_held_out(

@@ -137,7 +137,7 @@ const SHOWN = {
       ...(limits.length ? [element('ul', { id: 'limits' }, ...limits)] : []), ...(words.length ? [list(words)] : [])];
   },
   diagnose({ result, summary }) {
-    const rows = result.error.map((stage) => [stage.effects.join(' + ') || 'calibrated, as it is', errorCell(stage.train), errorCell(stage.held_out)]);
+    const rows = result.error.map((stage) => [`${stage.effects.join(' + ') || 'calibrated, as it is'}${stage.differences?.length ? ', recordings differ' : ''}`, errorCell(stage.train), errorCell(stage.held_out)]);
     const ranking = result.ranking.slice(0, 8).map((one) => [element('code', { textContent: one.effect }), digits(one.delta_bic), digits(one.held_out_error_ratio, 3),
       one.plausible === false ? 'no' : 'yes', one.confounded_with.join(', ')]);
     const [first, ...others] = summary.trim().split('\n'), fitted = Object.entries(result.intervals ?? {});

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from sma_sim.evidence.diagnosis.review import DiagnosisReview
 from sma_sim.evidence.search.equations import Proposal
 from sma_sim.evidence.search.steps import CandidateFit, SelectionStep
 from sma_sim.evidence.symbolic_regression.partial_residuals import PartialResidualPlot
+from sma_sim.model.shown import joined_words
 from sma_sim.report.html.comparison_page import comparison_sections
 from sma_sim.report.html.data import data_section
 from sma_sim.report.html.figures import HELD_OUT, SHOWN, log_axis, new_figure
@@ -32,7 +33,7 @@ HELD_OUT_NOTE = (
 )
 REDUCTION_CAPTION = (
     'Normalized RMSE (root mean square over channels) of the fitted and of the held-out runs: of your model as it was '
-    'given, of the same model calibrated, which biases its parameters towards what it lacks, and with each added effect, '
+    'given, of the same model calibrated, which biases its parameters towards what it lacks, and with what was added, '
     'calibrated too; 1 is the noise.'
 )
 CANDIDATE_HEADER = ('effect', 'log odds', 'error ratio', 'held out', 'delta BIC', 'realistic')
@@ -119,8 +120,7 @@ def held_out_blocks(diagnosis: Diagnosis) -> list[Block]:
 def reduction_figure(diagnosis: Diagnosis, given: tuple[float, float] | None = None) -> object:
     """Normalized RMSE of the model as it was `given` (fitted, held-out runs) and by stage, down to the noise."""
     stages = diagnosis.stages
-    before = ((), *(stage.effects for stage in stages))
-    labels = [f'{stage_label(stage, had)}<br>({stage.model})' for stage, had in zip(stages, before, strict=False)]
+    labels = [f'{stage_label(*pair)}<br>({pair[0].model})' for pair in zip(stages, (None, *stages), strict=False)]
     fitted, held_out = [stage.train for stage in stages], [stage.held_out for stage in stages]
     if given is not None:
         labels, fitted, held_out = ['your model,<br>as given', *labels], [given[0], *fitted], [given[1], *held_out]
@@ -151,11 +151,13 @@ def reduction_figure(diagnosis: Diagnosis, given: tuple[float, float] | None = N
     return figure
 
 
-def stage_label(stage: ModelStage, before: Sequence[str]) -> str:
-    """What a stage added to the effects `before` it, or took away, in lines that a phone has room for."""
-    added = [name for name in stage.effects if name not in before]
+def stage_label(stage: ModelStage, before: ModelStage | None) -> str:
+    """What a stage added to the one `before` it, or took away, in lines that a phone has room for."""
+    had, differed = (before.effects, before.differences) if before else ((), ())
+    added = [name for name in stage.effects if name not in had]
     changes = [f'+ {name}' for name in (['proposed equation'] if stage.kind == 'formula' else added)]
-    changes += [f'- {name}' for name in before if name not in stage.effects]
+    changes += [f'- {name}' for name in had if name not in stage.effects]
+    changes += ['+ recordings<br>that differ'] * (not {*stage.differences} <= {*differed})
     return '<br>'.join(changes).replace('_', '_<br>') or 'the same,<br>calibrated'
 
 
@@ -196,6 +198,9 @@ def outcome(step: SelectionStep) -> str:
     if step.accepted is not None:
         reduction = 100.0 * (1.0 - step.accepted.error_ratio)
         return f'{step.accepted.name} is part of the best model: the fitted error falls by {reduction:.0f} %.'
+    before, after = ({one.words for one in fit.problem.differences} if fit else set() for fit in (step.base, step.after))
+    if differing := joined_words(sorted(after - before)):
+        return f'No effect: what is part of the best model is that the recordings differ in {differing}.'
     if not step.candidate_fits:
         return 'No effect promised more than its prior probability costs.'
     best = step.candidate_fits[0]
