@@ -131,10 +131,10 @@ def smoothed(
     largest = float(found.heating[:, :-1].max()) / wire.n
     if not passes_lines(model.config.effects, model.structure, wire, largest):
         return None
-    rows, values, _ = segments(source)
     if shifts is None:
-        shifts = Shifts(np.zeros((len(rows), 0)), *np.zeros((2, len(rows), 0, values.shape[1])))
-    by_heating = shifts_of_heating(shifts.values, values, p.wires, p.antagonistic)
+        rows = len(found.times)
+        shifts = Shifts(np.zeros((rows, 0)), *np.zeros((2, rows, 0, source.values.shape[1])))
+    by_heating = shifts_of_heating(shifts.values, found.heating, p.antagonistic)
     of_lines = shifts_of_lines(found, shifts.times, by_heating)
     made = Stretches(found.times[found.first], found.lines, found.tilts, *of_lines)
     return made if until <= made.times[-1] else held_lines(made, found.heating[-1], by_heating[-1:], until)
@@ -183,10 +183,10 @@ def power_of_wires(columns: Matrix | Arrays, wires: int, antagonistic: bool) -> 
     return np.stack([power, -power], axis=-1).reshape(*power.shape[:-1], wires) if antagonistic else power
 
 
-def shifts_of_heating(shifts: Arrays, values: Matrix, wires: int, antagonistic: bool) -> Arrays:
-    """Derivatives of the heating of the bundles, and of T_E (k, P, wires + 1), from those of the columns of an input."""
-    heats = power_of_wires(values, wires, antagonistic)[:, None] > 0.0
-    return np.concatenate([np.where(heats, power_of_wires(shifts, wires, antagonistic), 0.0), shifts[..., -1:]], axis=2)
+def shifts_of_heating(shifts: Arrays, heating: Matrix, antagonistic: bool) -> Arrays:
+    """Derivatives of the `heating` of the bundles, and of T_E (k, P, wires + 1), from those of the columns of an input."""
+    power = power_of_wires(shifts, heating.shape[1] - 1, antagonistic)
+    return np.concatenate([np.where(heating[:, None, :-1] > 0.0, power, 0.0), shifts[..., -1:]], axis=2)
 
 
 def take_together(times: Vector, heating: Matrix, most: Vector, first: Integers, lines: Matrix, tilts: Matrix) -> int:
