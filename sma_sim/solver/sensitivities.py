@@ -93,16 +93,19 @@ def timed_channels(model: Model, numbers: NDArray[np.int64]) -> NDArray[np.int64
 def shifts_of_rows(source: Input, neighbours: Sequence[Neighbour], delta: float) -> Shifts | None:
     """Derivatives of the stretches of an input in unknowns; None where neighbours have other rows."""
     (times, values, slopes), count = segments(source), padded(len(neighbours))
-    found = Shifts(np.zeros((len(times), count)), *np.zeros((2, len(times), count, values.shape[1])))
+    row_shift, changed = np.zeros((len(times), count)), dict[int, Matrix]()
     for j, neighbour in enumerate(neighbours):
         if neighbour.source is not None:
             there, own, inclined = segments(neighbour.source)
             if own.shape != values.shape or not np.allclose(own, values, rtol=1e-4, atol=1e-9):
                 return None
-            found.times[:, j] = (there - times) / delta
-            found.values[:, j] = (own - values - slopes * (there - times)[:, None]) / delta  # at the same time
-            found.slopes[:, j] = (inclined - slopes) / delta
-    return found
+            row_shift[:, j] = (there - times) / delta
+            change = np.array([own - values - slopes * (there - times)[:, None], inclined - slopes])  # at the same time
+            changed |= {j: change / delta} if change.any() else {}
+    shifts = np.zeros((2, len(times) if changed else 0, count, values.shape[1]))
+    for j, change in changed.items():
+        shifts[:, :, j] = change
+    return Shifts(row_shift, *shifts)
 
 
 def differences_of_starts(run: Run, neighbours: Sequence[Neighbour], delta: float) -> tuple[Matrix, Matrix]:

@@ -74,20 +74,17 @@ class Stretches(NamedTuple):
 
 class Shifts(NamedTuple):
     """Derivatives of an input in unknowns: of the times of its rows (k, P), of its values and slopes at the same time
-    (k, P, columns)."""
+    (k, P, columns; no rows where these stay)."""
 
     times: Matrix
     values: Arrays
     slopes: Arrays
 
     def held_until(self, rows: int) -> Shifts:
-        """With as many rows, the last one held; of values and slopes none where these stay."""
+        """With as many rows, the last one held."""
         further = ((0, rows - len(self.times)), (0, 0))
-        times = np.pad(self.times, further)
-        if not (self.values.any() or self.slopes.any()):
-            return Shifts(times, self.values[:0], self.slopes[:0])
-        values, slopes = (np.pad(one, (*further, (0, 0)), mode='edge') for one in self[1:])
-        return Shifts(times, values, slopes)
+        held = (np.pad(one, (*further, (0, 0)), mode='edge') if len(one) else one for one in self[1:])
+        return Shifts(np.pad(self.times, further), *held)
 
 
 class Partition(NamedTuple):
@@ -132,8 +129,7 @@ def smoothed(
     if not passes_lines(model.config.effects, model.structure, wire, largest):
         return None
     if shifts is None:
-        rows = len(found.times)
-        shifts = Shifts(np.zeros((rows, 0)), *np.zeros((2, rows, 0, source.values.shape[1])))
+        shifts = Shifts(np.zeros((len(found.times), 0)), *np.zeros((2, 0, 0, source.values.shape[1])))
     by_heating = shifts_of_heating(shifts.values, found.heating, p.antagonistic)
     of_lines = shifts_of_lines(found, shifts.times, by_heating)
     made = Stretches(found.times[found.first], found.lines, found.tilts, *of_lines)
@@ -159,8 +155,8 @@ def partition(key: Identity, wires: int, antagonistic: bool, leeway: Leeway) -> 
 
 def held_lines(made: Stretches, heating: Vector, shift: Arrays, until: float) -> Stretches:
     """With one stretch more, in which the heating (columns,) and its derivatives (1, P, columns) stay up to a time [s]."""
-    held = shift[: len(made.value_shifts)]  # none where nothing has any
-    shifts = np.concatenate([made.value_shifts, held]), np.concatenate([made.slope_shifts, np.zeros_like(held)])
+    none = np.zeros_like(made.value_shifts[:1])
+    shifts = np.concatenate([made.value_shifts, shift if len(shift) else none]), np.concatenate([made.slope_shifts, none])
     values, slopes = np.vstack([made.values, heating]), np.vstack([made.slopes, np.zeros_like(heating)])
     return Stretches(np.append(made.times, until), values, slopes, *shifts)
 
@@ -184,9 +180,10 @@ def power_of_wires(columns: Matrix | Arrays, wires: int, antagonistic: bool) -> 
 
 
 def shifts_of_heating(shifts: Arrays, heating: Matrix, antagonistic: bool) -> Arrays:
-    """Derivatives of the `heating` of the bundles, and of T_E (k, P, wires + 1), from those of the columns of an input."""
+    """Derivatives of the `heating` of the bundles, and of T_E (k, P, wires + 1), from those of the columns of an input, if
+    there are any."""
     power = power_of_wires(shifts, heating.shape[1] - 1, antagonistic)
-    return np.concatenate([np.where(heating[:, None, :-1] > 0.0, power, 0.0), shifts[..., -1:]], axis=2)
+    return np.concatenate([np.where(heating[: len(shifts), None, :-1] > 0.0, power, 0.0), shifts[..., -1:]], axis=2)
 
 
 def take_together(times: Vector, heating: Matrix, most: Vector, first: Integers, lines: Matrix, tilts: Matrix) -> int:
@@ -238,29 +235,29 @@ def is_smooth(k: int, size: int, times: Vector, heating: Matrix, most: Vector) -
 
 def shifts_of_lines(partition: Partition, row_shift: Matrix, value_shift: Arrays) -> tuple[Arrays, Arrays]:
     """Derivatives of the lines in unknowns (k, P, columns), from those of the times (rows, P) and of the heating (rows, P,
-    columns) of their rows; none where neither changes.
+    columns; no rows where it stays) of their rows; none where neither changes.
 
     A row at which the heating rises by d and that comes later by s brings d s less at its time: an impulse. A stretch takes
     those of its rows, that of its beginning too, and what these bring more, as the line with their sum and first moment.
     """
     times, heating, first = partition[:3]
     count, columns = len(first) - 1, heating.shape[1]
-    if not (row_shift.any() or value_shift.any()):
+    if not (row_shift.any() or len(value_shift)):
         empty = np.zeros((0, row_shift.shape[1], columns))
         return empty, empty
     values, slopes = np.zeros((2, count, row_shift.shape[1], columns))
     rise = np.diff(heating, axis=0, prepend=heating[:1])
-    impulses, lengths = -row_shift[:, :, None] * rise[:, None, :], np.diff(times)
-    amounts, middles = value_shift[:-1] * lengths[:, None, None], times[:-1] + 0.5 * lengths
+    lengths, brought = np.diff(times), [(times, -row_shift[:, :, None] * rise[:, None, :])]
+    if len(value_shift):
+        brought.append((times[:-1] + 0.5 * lengths, value_shift[:-1] * lengths[:, None, None]))
     for k in range(count):
         rows = slice(first[k], first[k + 1])
         length = times[first[k + 1]] - times[first[k]]
         center = times[first[k]] + 0.5 * length
-        moments = np.tensordot(times[rows] - center, impulses[rows], 1) + np.tensordot(
-            middles[rows] - center, amounts[rows], 1
-        )
-        slopes[k] = 12.0 * moments / length**3
-        values[k] = (impulses[rows].sum(axis=0) + amounts[rows].sum(axis=0)) / length - 0.5 * slopes[k] * length
+        for at, amounts in brought:
+            slopes[k] += 12.0 * np.tensordot(at[rows] - center, amounts[rows], 1) / length**3
+            values[k] += amounts[rows].sum(axis=0) / length
+        values[k] -= 0.5 * slopes[k] * length
     return values, slopes
 
 

@@ -171,6 +171,28 @@ def test_shifts_of_rows_are_shifts_of_moments():
     assert not found.value_shifts[:, :3].any() and not found.value_shifts[:, 4:].any()
 
 
+def test_shifts_of_powers_and_of_the_room_are_those_of_the_lines_through_them():
+    """Of the wire that is heated, and for as long as the last values are held."""
+    model = make_model(solver__rtol=1e-4)
+    source = closed_loop(model, 5.0, 0)
+    times, values, _ = segments(source)
+    change = np.random.default_rng(3).uniform(0.5, 1.0, values.shape)
+    shifts = Shifts(np.zeros((len(times), 8)), *np.zeros((2, *values.shape[:1], 8, 2)))
+    shifts.values[:, 5] = change
+    found = smoothed(model, source, float(times[-1]) + 3.0, shifts=shifts)
+    first, heating = np.searchsorted(times, found.times[:-1]), heating_of_wires(values, 2, True)
+    by_wire = np.column_stack([change[:, 0] * (heating[:, 0] > 0), -change[:, 0] * (heating[:, 1] > 0), change[:, 1]])
+    for k in range(len(first) - 1):
+        rows, lengths = slice(first[k], first[k + 1]), np.diff(times[first[k] : first[k + 1] + 1])
+        middles, length = times[rows] + 0.5 * lengths - found.times[k], lengths.sum()
+        value, slope, brought = found.value_shifts[k, 5], found.slope_shifts[k, 5], by_wire[rows] * lengths[:, None]
+        assert value * length + 0.5 * slope * length**2 == pytest.approx(brought.sum(axis=0), abs=1e-12)
+        moment = 0.5 * value * length**2 + slope * length**3 / 3.0
+        assert moment == pytest.approx((brought * middles[:, None]).sum(axis=0), abs=1e-12)
+    assert found.value_shifts[-1, 5] == pytest.approx(by_wire[-1]) and not found.slope_shifts[-1].any()
+    assert not found.value_shifts[:, :5].any() and not found.value_shifts[:, 6:].any()
+
+
 # Tangents
 
 

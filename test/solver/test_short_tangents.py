@@ -111,7 +111,7 @@ def test_shifts_of_rows_are_derivatives_of_their_times():
     shifts = shifts_of_rows(PULSE, beside, DELTA)
     assert shifts.times.shape[1] == padded(3) == 8 and padded(8) == 8 and padded(9) == 16
     assert shifts.times[:, 1] == pytest.approx([0.0, 3.0, 0.0], abs=1e-6) and not shifts.times[:, [0, 2, 3]].any()
-    assert not shifts.values.any() and len(shifts.held_until(4).values) == 0 and shifts.held_until(4).times.shape == (4, 8)
+    assert len(shifts.values) == 0 == len(shifts.held_until(4).values) and shifts.held_until(4).times.shape == (4, 8)
     for size, same in ((0.5e-4, True), (1.5e-4, False)):  # of a difference between rows that are taken for the same
         near = shifts_of_rows(PULSE, [Neighbour(source=replace(PULSE, values=PULSE.values * (1.0 + size)))], DELTA)
         assert (near is not None) == same
