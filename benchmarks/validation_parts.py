@@ -438,8 +438,8 @@ PARTS = (
     Part(
         'observer',
         'Observer',
-        minutes=30,
-        command=cases('observer', '--robots', '200', '--first', '82000'),
+        minutes=35,
+        command=cases('observer', '--robots', '200', '--first', '243000'),
         text='Root mean squares over simulated robots with MAS kinetics, each parameter off by 5 to 15 %, a hidden '
         'effect in every third, random commands or a closed loop for 40 s; `held`: true values in the 95 % '
         'intervals; ms: processor time of an update.',
@@ -451,8 +451,8 @@ PARTS = (
     Part(
         'guard',
         'Guard',
-        minutes=25,
-        command=cases('guard', '--robots', '200', '--first', '82000'),
+        minutes=35,
+        command=cases('guard', '--robots', '1000', '--first', '242000'),
         text='Robots with each parameter 15 % off, either way, a hidden effect in every second, commands of up to 25 W '
         'in bursts and for long, limits of 360 K and 250 MPa. Lost: of the stroke that a guard allows that knows '
         'the true state, or of that without a guard where commands were safe; by the scale alone: as a guard that '
@@ -460,13 +460,13 @@ PARTS = (
         subject=LIVE,
         table=joined(guard_rows),
         resumable=True,
-        share=0.1,
+        share=0.02,
     ),
     Part(
         'live_diagnosis',
         'Live diagnosis',
         minutes=60,
-        command=cases('live_diagnosis', '--days', '13', '--quiet', '100', '--seed', '82000'),
+        command=cases('live_diagnosis', '--days', '13', '--quiet', '100', '--seed', '251000'),
         text='Parts of days of ten minutes in which something changes, or nothing; and quiet hours in which the room '
         'gets warmer and colder by up to 2 K, as a thermometer tells. Laws of convection, friction and gravity are'
         ' not those of the library.',
