@@ -479,7 +479,7 @@ PARTS = (
         'control',
         'Controllers with a model',
         minutes=60,
-        command=cases('control', '--robots', '20', '--first', '82000'),
+        command=cases('control', '--robots', '20', '--first', '244000'),
         text='A sum of two sines is followed, with the model of the data sheet and with that of a diagnosis, beside a PI '
         'controller tuned on the robot itself; within limits that leave room, and within limits that bind.',
         subject=LIVE,
