@@ -174,7 +174,7 @@ def heating_of_wires(values: Matrix, wires: int, antagonistic: bool) -> Matrix:
 
 
 def power_of_wires(columns: Matrix | Arrays, wires: int, antagonistic: bool) -> NDArray[np.float64]:
-    """What the columns of an input (..., columns) mean for each bundle (..., wires): none is heated by less than nothing."""
+    """What the columns of an input (..., columns) mean for each bundle (..., wires): less than nothing heats none."""
     power = columns[..., :-1]
     return np.stack([power, -power], axis=-1).reshape(*power.shape[:-1], wires) if antagonistic else power
 

@@ -315,7 +315,7 @@ def provisional_stage(data: StageData, kind: StageKind, fit: FitResult, context:
     data = data.under(fit, context)
     whole = replace(fit, problem=full_problem(data.training, fit, data.options))
     found = calibration_of(whole, context)
-    return ModelStage(kind, fit.effects, found, data.predicted(fit, context), words_of_differences(fit))
+    return ModelStage(kind, fit.effects, found, data.predicted(fit, context), fit.differences)
 
 
 def final_stage(data: StageData, kind: StageKind, fit: FitResult, context: SearchContext) -> ModelStage:
@@ -327,12 +327,7 @@ def final_stage(data: StageData, kind: StageKind, fit: FitResult, context: Searc
     found = final_calibration(data.training, fit, options, context)
     predicted = data.predicted(found, context)
     found = with_ambient_of_held_out(found, fit, data, predicted, context)
-    return ModelStage(kind, fit.effects, found, predicted, words_of_differences(fit))
-
-
-def words_of_differences(fit: FitResult) -> tuple[str, ...]:
-    """In what the recordings differ in a model."""
-    return tuple(one.words for one in fit.problem.differences)
+    return ModelStage(kind, fit.effects, found, predicted, fit.differences)
 
 
 def with_ambient_of_held_out(

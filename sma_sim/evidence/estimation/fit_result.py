@@ -45,6 +45,11 @@ class FitResult:
         return tuple(name for name in names if name not in self.problem.nominal_effects)
 
     @property
+    def differences(self) -> tuple[str, ...]:
+        """In what the recordings differ, in words."""
+        return tuple(one.words for one in self.problem.differences)
+
+    @property
     def squares(self) -> float:
         """Sum of the squared residuals over noise, without the prior's part of the cost."""
         return max(2.0 * self.cost - self.problem.tempering**2 * float(self.z @ self.z), 0.0)

@@ -130,14 +130,15 @@ def sensitivities_of(task: TangentTask) -> Sensitivities | None:
     initial_state = run.initial_state or started(model, source, nuisance, work)
     neighbours = []
     for other, moved in task.moved:
-        is_same = other is pickled and moved.factors == nuisance.factors
+        is_same = other is pickled and factors_of_robot(moved) == factors_of_robot(nuisance)
         beside = None if is_same else other.model(run.bench, looser(run, other.config), moved.factors)
         other_source = (
             planned_run(run, replace(moved, delay=nuisance.delay))[0] if input_of(moved) != input_of(nuisance) else None
         )
-        begins_alike = moved.ambient == nuisance.ambient and initial_conditions(moved) == initial_conditions(nuisance)
+        begins_alike = beside is None and initial_conditions(moved) == initial_conditions(nuisance)
+        begins_alike &= other_source is None or np.array_equal(other_source.values[0], source.values[0])
         initial_run = None
-        if run.initial_state is None and (beside is not None or not begins_alike):
+        if run.initial_state is None and not begins_alike:
             initial_run = started(beside or model, other_source or source, moved, work)
         neighbours.append(Neighbour(beside, initial_run, other_source))
     return simulate_with_tangents(
@@ -150,6 +151,11 @@ def sensitivities_of(task: TangentTask) -> Sensitivities | None:
         step_limit(source, run.step_limited, samples=len(run.time)),
         run.leeway,
     )
+
+
+def factors_of_robot(nuisance: Nuisance) -> list[tuple[str, float]]:
+    """What of a nuisance makes the robot another one."""
+    return [one for one in nuisance.factors if one[0] != GAIN]
 
 
 def input_of(nuisance: Nuisance) -> tuple[object, ...]:

@@ -52,15 +52,15 @@ WITHOUT_POWER = 0.75  # part of its squares to which a run must fall without a c
 
 def promises(problem: Problem, z: Vector, context: SearchContext) -> dict[RecordingDifference, float]:
     """What each difference would take from the squares at z, to first order; none where the model cannot be run there."""
-    try:
-        linear = linearize(problem, z, context.pool)
-    except SimulationError:
-        return {}
     known = {difference.words for difference in problem.differences}
     motion = None if IN_MOTION.words in known else motion_before(problem, context)
     moving = {} if motion is None else {IN_MOTION: motion}
     if len(problem.runs) < 2:
         return moving
+    try:
+        linear = linearize(problem, z, context.pool)
+    except SimulationError:
+        return {}
     project = Projection(linear, len(z), problem.tempering)
     found = promised_zeros(problem, project)
     others = responses_in_runs(problem, z, context)

@@ -198,8 +198,8 @@ def outcome(step: SelectionStep) -> str:
     if step.accepted is not None:
         reduction = 100.0 * (1.0 - step.accepted.error_ratio)
         return f'{step.accepted.name} is part of the best model: the fitted error falls by {reduction:.0f} %.'
-    before, after = ({one.words for one in fit.problem.differences} if fit else set() for fit in (step.base, step.after))
-    if differing := joined_words(sorted(after - before)):
+    after = step.after.differences if step.after else ()
+    if differing := joined_words([one for one in after if one not in step.base.differences]):
         return f'No effect: what is part of the best model is that the recordings differ in {differing}.'
     if not step.candidate_fits:
         return 'No effect promised more than its prior probability costs.'
