@@ -166,6 +166,7 @@ def search(nominal: Sequence[FitResult], context: SearchContext, equations: bool
     if equations and best.components and best.lacks_unlisted and not any(one.is_formula for one in best.components):
         add_equations(best, book, context)
     add_in_kinetics_of_best(book, context)
+    exchange_at_ports(book, context)
     fit_rivals(book, context)
     settle(book, context)
     leave_out_copies(book, context)
@@ -225,6 +226,22 @@ def expand_level(size: int, book: Book, context: SearchContext, thorough: bool =
                 deepen(parent, book, context)
         elif thorough:
             expand_in_other_kinetics(parent, book, context)
+
+
+def exchange_at_ports(book: Book, context: SearchContext) -> None:
+    """Models with another effect at its port in place of each of the listed effects of the best one, which has several, as
+    long as that leads further: what acts at the same place may do the same, however large, where no first order holds. With
+    a single effect, all others have been tried beside what the model without it leaves."""
+    done = set[frozenset[str]]()
+    for _ in range(ROUNDS):
+        best = book.best
+        laws = [one for one in best.of_robot if not one.is_formula and best.names - {one.name} not in done]
+        for law in laws if len(best.of_robot) > 1 and not context.stop.is_set() else ():
+            done.add(best.names - {law.name})
+            context.on_progress(f'what may stand in place of {law.name} at its port')
+            add_extended(stripped(best, (law,)), propose.at_port_of(law, book.catalogue, best), book, context)
+        if book.best is best:
+            return
 
 
 def fit_rivals(book: Book, context: SearchContext) -> None:

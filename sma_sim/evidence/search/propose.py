@@ -94,6 +94,15 @@ def stepped(
     ]  # fmt: skip
 
 
+def at_port_of(law: Component, catalogue: Catalogue, best: Model) -> list[Component]:
+    """Effects, and their scopes, at the port of one of the effects of a model, a finite step away from neutral; without
+    what the model has already."""
+    ports = {one.effect.plain_name: one.effect.port for one in catalogue.candidates}
+    others = {one.plain_name for one in best.components} - {law.plain_name}
+    there = (one for one in allowed(catalogue, others) if one.effect.port == ports.get(law.plain_name))
+    return [catalogue.component(at_finite_step(one)) for one in there if one.name != law.name]
+
+
 def differing(base: FitResult, taken: Collection[str], context: SearchContext) -> list[Proposal]:
     """What may differ between the recordings, where these are in the order of time; of a single one, how it begins."""
     problem = base.problem
