@@ -13,6 +13,7 @@ from sma_sim.compiler.compile import is_interpreted, package_compiler
 from sma_sim.compiler.pinned_systems import PinnedSystems, pin_system, pinned_systems
 from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.effects.ports import SENSING
+from sma_sim.model.layout import System
 from sma_sim.solver.clock import held_until, seen_at
 from sma_sim.solver.columns import sampled_numbers
 from sma_sim.solver.effect_table import own_scratch
@@ -21,7 +22,7 @@ from sma_sim.solver.inputs import Input, requested_times, segments
 from sma_sim.solver.integrate import InputStretches, Limits, Run
 from sma_sim.solver.model import Model, new_findings
 from sma_sim.solver.simulate import Trajectory, copy_of_run, new_log, new_work, stall_step, trajectory
-from sma_sim.solver.smoothed_input import Leeway, Shifts, Stretches, smoothed, under_lines
+from sma_sim.solver.smoothed_input import Leeway, Moved, Shifts, Stretches, smoothed, system_under, under_lines
 from sma_sim.solver.stepper import STAGES
 from sma_sim.solver.tangent_nodes import Tangents
 from sma_sim.solver.tangents import follow
@@ -119,10 +120,9 @@ def differences_of_starts(run: Run, neighbours: Sequence[Neighbour], delta: floa
     return s, r
 
 
-def moved_systems(model: Model, neighbours: Sequence[Neighbour], antagonistic: bool) -> PinnedSystems:
+def pinned(systems: Sequence[System]) -> PinnedSystems:
     """The equations of all neighbours behind addresses."""
     keep = package_compiler().function(pin_system)
-    systems = [(one.model or model).compiled._replace(antagonistic=antagonistic) for one in neighbours]
     return pinned_systems([own_scratch(one) for one in systems], keep, is_interpreted())
 
 
@@ -194,7 +194,8 @@ def simulate_with_tangents(
     asked = requested_times(source, sample_times) if isinstance(sample_times, float) else sample_times
     seen = seen_at(model, asked, begin)
     numbers, work = sampled_numbers(channels, model.structure), new_work(model)
-    lines = smoothed(model, source, float(seen[-1]), leeway, shifts)
+    beside = {j: one.model for j, one in enumerate(neighbours) if one.model is not None}
+    lines = smoothed(model, source, float(seen[-1]), leeway, shifts, Moved(beside, DELTA))
     is_smoothed = lines is not None
     if lines is not None:
         stretches = under_lines(lines)
@@ -205,8 +206,10 @@ def simulate_with_tangents(
         shifts = shifts.held_until(len(times))
         stretches = InputStretches(times, values, slopes, model.uses_time)
         row_shift, lines = shifts.times, Stretches(times, values, slopes, shifts.values, shifts.slopes)
-    antagonistic = model.compiled.antagonistic and lines.values.shape[1] == values.shape[1]
-    p, records = model.compiled._replace(antagonistic=antagonistic), moved_systems(model, neighbours, antagonistic)
+    p, *others = [one.compiled for one in (model, *(one.model or model for one in neighbours))]
+    if is_smoothed:
+        p, *others = [system_under(lines, one) for one in (p, *others)]
+    records = pinned(others)
     s, r = differences_of_starts(run, neighbours, DELTA)
     tangents = new_tangents(
         model,

@@ -54,7 +54,7 @@ from sma_sim.solver.integrate import (
 )
 from sma_sim.solver.model import Model, new_findings
 from sma_sim.solver.series import elimination_of
-from sma_sim.solver.smoothed_input import Stretches, under_lines
+from sma_sim.solver.smoothed_input import Stretches, system_under, under_lines
 from sma_sim.solver.stepper import ORDER
 from sma_sim.solver.trajectory import Jump as Jump
 from sma_sim.solver.trajectory import Trajectory as Trajectory
@@ -286,13 +286,13 @@ def channels_of_all(
     that in which it ends, and `work` is scratch memory; `lines` take the place of the source (`smoothed_command`). Raises
     SimulationError where the run does not come to its end.
     """
-    model, numbers, antagonistic = models[0], sampled_numbers(channels, models[0].structure), lines is None
+    model, numbers = models[0], sampled_numbers(channels, models[0].structure)
     seen = seen_at(model, times, float(source.times[0]))
     if lines is None:
         stretches = InputStretches(*held_until(segments(source), seen), model.uses_time)
     else:
         stretches, work = under_lines(lines), work._replace(u=np.zeros(lines.values.shape[1]))
-    systems = [own_scratch(one.compiled._replace(antagonistic=antagonistic and one.compiled.antagonistic)) for one in models]
+    systems = [own_scratch(one.compiled if lines is None else system_under(lines, one.compiled)) for one in models]
     log = new_log(model, seen, numbers if len(models) == 1 else np.append(numbers, state_numbers(model.structure, begin)))
     limits = Limits(np.inf, max_steps, stall_step(model))
     status = package_compiler().function(integrate)(stretches, begin, systems[0], work, limits, log)

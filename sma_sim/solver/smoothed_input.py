@@ -9,7 +9,9 @@ C dD/dt = w - C D/tau where tau > 0 is the time constant of the heat balance, he
 
 and at the end of the stretch only int (1 - exp(-(h - s)/tau)) E ds/(C tau) is left, of order h/tau^2. Neighbouring rows are
 taken together as long as max |E|/C is small. Latent heat adds to C, and makes D smaller. The ambient temperature acts as
-lambda A T_E. An antagonistic command becomes the heating of each wire, so that a change of its sign is no kink.
+lambda A T_E. An antagonistic command becomes the heating of each wire, so that a change of its sign is no kink. What a
+driver makes of the command alone, as a threshold or a saturation does, is computed row by row before: lines are of what it
+passes on, over the rows that can be taken together without it, so that they move evenly with its parameters.
 
 Derivatives of a run need no more, since they keep three digits; the run itself is made row by row. A fit tries more: where
 it is known at one point what a run shows beyond that under lines, a run under lines nearby and this difference tell what the
@@ -18,7 +20,7 @@ run there shows, at a part of its cost, even for lines of many rows (`Leeway`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from math import inf
 from typing import Any, NamedTuple
@@ -32,10 +34,12 @@ from sma_sim.compiler.fields_read import fields_read
 from sma_sim.compiler.kernel_text import parameter_fields
 from sma_sim.model.arrays import Integers, Matrix, Vector
 from sma_sim.model.effects.discovery import ActiveEffect
-from sma_sim.model.effects.ports import ACTUATION, PORT_NAMES
+from sma_sim.model.effects.effect import Effect
+from sma_sim.model.effects.ports import ACTUATION, PORT_NAMES, S_J, S_OTHERS, S_WIRE, call_effect
+from sma_sim.model.layout import System
 from sma_sim.model.parameters import WireConstants
 from sma_sim.model.structures.structure import Structure, record
-from sma_sim.solver.effect_table import TEMPERATURE_SCALE
+from sma_sim.solver.effect_table import TEMPERATURE_SCALE, acting_order, own_scratch
 from sma_sim.solver.inputs import Input, segments
 from sma_sim.solver.integrate import InputStretches
 from sma_sim.solver.model import Model
@@ -45,6 +49,7 @@ SMOOTHED = 2.0  # the most of max |E|/C, in units of solver.rtol times that scal
 MAX_ROWS = 4096  # in a stretch
 PROBED = np.linspace(0.0, 1.0, 9)  # of the largest heating, where effects must be linear in it
 PROBED_STATES, T_E = (0.3, 0.9), 298.0  # of the scales of states; [K]
+STEP = 1e-6  # of the largest heating, for the slope of what a driver passes on
 LINEAR = 1e-9  # what is left of a linear function, relative to its values
 
 
@@ -63,13 +68,14 @@ class Leeway(NamedTuple):
 
 class Stretches(NamedTuple):
     """An input in stretches (k,), each `value` + `slope` (t - time) (k, columns), and their derivatives in unknowns (k, P,
-    columns). `times` (k + 1,) has the end too."""
+    columns). `times` (k + 1,) has the end too; `passed`: effects of the actuation chain that it has passed already."""
 
     times: Vector
     values: Matrix
     slopes: Matrix
     value_shifts: Arrays
     slope_shifts: Arrays
+    passed: int = 0
 
 
 class Shifts(NamedTuple):
@@ -85,6 +91,13 @@ class Shifts(NamedTuple):
         further = ((0, rows - len(self.times)), (0, 0))
         held = (np.pad(one, (*further, (0, 0)), mode='edge') if len(one) else one for one in self[1:])
         return Shifts(np.pad(self.times, further), *held)
+
+
+class Moved(NamedTuple):
+    """The models in which an unknown, by its number, is `delta` more."""
+
+    models: Mapping[int, Model]
+    delta: float
 
 
 class Partition(NamedTuple):
@@ -111,12 +124,18 @@ class Identity:
 
 
 def smoothed(
-    model: Model, source: Input, until: float, leeway: Leeway | None = None, shifts: Shifts | None = None
+    model: Model,
+    source: Input,
+    until: float,
+    leeway: Leeway | None = None,
+    shifts: Shifts | None = None,
+    moved: Moved | None = None,
 ) -> Stretches | None:
     """The heating of every wire and T_E [W, K] in fewer stretches; None where none can be taken together.
 
-    The last values are held up to the time `until` [s]. `shifts`: derivatives of the rows in unknowns. Without `leeway`
-    temperatures may differ by as much as the tolerance of the model allows.
+    The last values are held up to the time `until` [s]. `shifts`: derivatives of the rows in unknowns; those in parameters
+    of a driver are of the models in which these are `moved`. Without `leeway` temperatures may differ by as much as the
+    tolerance of the model allows.
     """
     p, wire = model.compiled, model.wire
     if p.drives or not p.coordinates or any(source.linear):
@@ -126,13 +145,17 @@ def smoothed(
     if found is None:
         return None
     largest = float(found.heating[:, :-1].max()) / wire.n
-    if not passes_lines(model.config.effects, model.structure, wire, largest):
+    passed = passed_before(model.config.effects, model.structure, wire, largest)
+    if passed is None:
         return None
     if shifts is None:
         shifts = Shifts(np.zeros((len(found.times), 0)), *np.zeros((2, 0, 0, source.values.shape[1])))
     by_heating = shifts_of_heating(shifts.values, found.heating, p.antagonistic)
+    if passed:
+        by_heating = shifts_behind_driver(model, passed, found.heating, by_heating, moved, shifts.times.shape[1])
+        found = behind_driver(model, passed, found)
     of_lines = shifts_of_lines(found, shifts.times, by_heating)
-    made = Stretches(found.times[found.first], found.lines, found.tilts, *of_lines)
+    made = Stretches(found.times[found.first], found.lines, found.tilts, *of_lines, passed)
     return made if until <= made.times[-1] else held_lines(made, found.heating[-1], by_heating[-1:], until)
 
 
@@ -158,13 +181,87 @@ def held_lines(made: Stretches, heating: Vector, shift: Arrays, until: float) ->
     none = np.zeros_like(made.value_shifts[:1])
     shifts = np.concatenate([made.value_shifts, shift if len(shift) else none]), np.concatenate([made.slope_shifts, none])
     values, slopes = np.vstack([made.values, heating]), np.vstack([made.slopes, np.zeros_like(heating)])
-    return Stretches(np.append(made.times, until), values, slopes, *shifts)
+    return Stretches(np.append(made.times, until), values, slopes, *shifts, made.passed)
 
 
 def under_lines(lines: Stretches) -> InputStretches:
     """The input of a run under lines: as one that depends on time, so that no row is crossed otherwise than by a run with
     tangents, and both are the same to the last bit."""
     return InputStretches(lines.times, lines.values, lines.slopes, True)
+
+
+def system_under(lines: Stretches, p: System) -> System:
+    """The equations of a model under lines, which heat every wire, and have passed the first effects on actuation."""
+    starts = p.effects.port_start.copy()
+    starts[ACTUATION] += lines.passed
+    return p._replace(antagonistic=False, effects=p.effects._replace(port_start=starts))
+
+
+def behind_driver(model: Model, passed: int, found: Partition) -> Partition:
+    """Rows that are taken together as they leave the first effects of the actuation chain."""
+    heating = driven(model, found.heating, passed)
+    lines, tilts = np.zeros_like(found.lines), np.zeros_like(found.tilts)
+    package_compiler().function(lines_through)(found.times, heating, found.first, lines, tilts)
+    return found._replace(heating=heating, lines=lines, tilts=tilts)
+
+
+def shifts_behind_driver(
+    model: Model, passed: int, heating: Matrix, shifts: Arrays, moved: Moved | None, unknowns: int
+) -> Arrays:
+    """Derivatives of what leaves the first effects of the actuation chain in unknowns (rows, P, columns), from those of the
+    `heating` (rows, columns) that they are given, if there are any."""
+    here, others = driven(model, heating, passed), {} if moved is None else moved.models
+    changes = {
+        j: driven(other, heating, passed) - here
+        for j, other in others.items()
+        if not np.array_equal(driver_parameters(other, passed), driver_parameters(model, passed))
+    }
+    if len(shifts):
+        step = STEP * float(heating[:, :-1].max())
+        slope = (driven(model, heating + step, passed) - here) / step
+        shifts = shifts * np.where(heating > 0.0, slope, 0.0)[:, None, :]
+    elif changes:
+        shifts = np.zeros((len(heating), unknowns, heating.shape[1]))
+    for j, change in changes.items():
+        shifts[:, j] += change / (moved.delta if moved else 1.0)
+    return shifts
+
+
+def driver_parameters(model: Model, passed: int) -> Vector:
+    """The parameters of the first effects of the actuation chain."""
+    e = model.compiled.effects
+    return e.parameters[: [*e.parameter_start, len(e.parameters)][passed]]
+
+
+def driven(model: Model, heating: Matrix, passed: int) -> Matrix:
+    """What leaves the first effects on actuation (rows, columns) where the bundles are given this heating; the last column,
+    T_E, is as it was."""
+    made = heating.copy()
+    package_compiler().function(pass_through)(made, passed, own_scratch(model.compiled), np.zeros(len(model.scales)))
+    return made
+
+
+def pass_through(heating: Matrix, passed: int, p: System, y: Vector) -> None:
+    """Put the heating of bundles, of each wire its part, through the first effects of the actuation chain."""
+    e = p.effects
+    for row in range(heating.shape[0]):
+        for i in range(p.wires):
+            e.s[i, S_WIRE], e.s[i, S_OTHERS], e.s[i, S_J] = i, p.wires - 1, heating[row, i] / p.wire.n
+            for k in range(passed):
+                call_effect(e.value[k], k, i, y, e)
+                e.s[i, S_J] = e.out[0]
+            heating[row, i] = e.s[i, S_J] * p.wire.n
+
+
+def lines_through(times: Vector, heating: Matrix, first: Integers, lines: Matrix, tilts: Matrix) -> None:
+    """Write the line of every stretch of rows; where it would be negative, the steepest of the same mean that is not."""
+    for k in range(first.shape[0] - 1):
+        length = times[first[k + 1]] - times[first[k]]
+        for column in range(heating.shape[1]):
+            value, slope = line_through(first[k], first[k + 1] - first[k], column, times, heating)
+            mean = value + 0.5 * slope * length
+            slope = min(max(slope, -2.0 * mean / length), 2.0 * mean / length)
+            lines[k, column], tilts[k, column] = mean - 0.5 * slope * length, slope
 
 
 def heating_of_wires(values: Matrix, wires: int, antagonistic: bool) -> Matrix:
@@ -261,19 +358,26 @@ def shifts_of_lines(partition: Partition, row_shift: Matrix, value_shift: Arrays
     return values, slopes
 
 
-def passes_lines(effects: Sequence[ActiveEffect], structure: Structure, wire: WireConstants, largest: float) -> bool:
-    """Whether what the wires get is linear in a command up to `largest` [W] of one wire, and nothing else depends on it.
+def passed_before(effects: Sequence[ActiveEffect], structure: Structure, wire: WireConstants, largest: float) -> int | None:
+    """How many effects at the beginning of the actuation chain a command up to `largest` [W] of one wire has to pass before
+    it goes in lines, so that what the wires get is linear in it; None where it cannot, or where something else needs it.
 
-    A threshold or a saturation is not: the mean of what it passes on is not what it makes of the mean.
+    A threshold or a saturation is not linear: the mean of what it passes on is not what it makes of the mean. What it does
+    has to depend on the command alone.
     """
-    for active in effects:
-        effect = active.effect
-        if effect.port == PORT_NAMES[ACTUATION]:
-            if not is_linear(active, structure, wire, largest):
-                return False
-        elif 'J' in fields_read(effect.kernel) | fields_read(effect.rate):
-            return False
-    return True
+    chain = [effects[k] for k in acting_order([one.effect for one in effects], structure)]
+    others = [one.effect for one in chain if one.effect.port != PORT_NAMES[ACTUATION]]
+    if any('J' in fields_read(effect.kernel) | fields_read(effect.rate) for effect in others):
+        return None
+    chain = [one for one in chain if one.effect.port == PORT_NAMES[ACTUATION]]
+    bent = [k for k, one in enumerate(chain, start=1) if not is_linear(one, structure, wire, largest)]
+    passed = max(bent, default=0)
+    return passed if all(is_of_command(one.effect) for one in chain[:passed]) else None
+
+
+def is_of_command(effect: Effect) -> bool:
+    """Whether what an effect on actuation passes on depends on the command, the wire and parameters alone."""
+    return not effect.states and fields_read(effect.kernel) <= {'J', 'wire'}
 
 
 def is_linear(active: ActiveEffect, structure: Structure, wire: WireConstants, largest: float) -> bool:

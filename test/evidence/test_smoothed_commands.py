@@ -162,10 +162,10 @@ def test_few_rows_are_never_smoothed(pool):
 
 
 def test_what_a_line_does_not_pass_is_run_row_by_row():
-    """A threshold in the driver, in a fit whose corrections are those of a driver without."""
+    """A threshold of a heating that depends on the wire, in a fit whose corrections are those of a driver without."""
     model, dataset = fitted_loop('hybrid')
     (run,) = problem_for(dataset, model.config, FitOptions(), 1).runs
-    other = Model(model.config.variant(effects=(active('driver_deadband'),)))
+    other = Model(model.config.variant(effects=(active('driver_deadband'), active('resistance_feedback'))))
     corrected = replace(run, correction=np.ones_like(run.measured))
     assert smoothed_residuals(other, run, Nuisance()) is None
     assert np.array_equal(weighted_residuals(other, corrected), weighted_residuals(other, run))

@@ -16,7 +16,7 @@ from sma_sim.solver import smoothed_input
 from sma_sim.solver.inputs import input_between, segments
 from sma_sim.solver.sensitivities import Neighbour, simulate_with_tangents
 from sma_sim.solver.simulate import new_run, new_work
-from sma_sim.solver.smoothed_input import TEMPERATURE_SCALE, Leeway, Shifts, heating_of_wires, passes_lines, smoothed
+from sma_sim.solver.smoothed_input import TEMPERATURE_SCALE, Leeway, Shifts, heating_of_wires, passed_before, smoothed
 
 DURATION, DELTA = 20.0, 1e-6
 ROWS = 50 * DURATION
@@ -138,14 +138,15 @@ def test_stretches_keep_mean_and_first_moment_of_every_wire():
 
 
 def test_what_cannot_be_smoothed_stays():
-    """Few rows, a threshold in the driver, lines, precise runs; a driver that is linear may have states."""
+    """Few rows, a threshold of a heating that depends on the wire, lines, precise runs; a linear driver may have states."""
     model = make_model(solver__rtol=1e-4)
     source = closed_loop(model, 5.0, 0)
     assert smoothed_at(model, source) is not None
     assert smoothed_at(precise(model), source) is None
     assert smoothed_at(model, module_input([0.0, 1.0, 5.0], [0.0, 9.0, -9.0])) is None
     assert smoothed_at(model, replace(source, linear=(True, False))) is None
-    for effects, kept in ((['driver_deadband'], True), (['driver_lag', 'power_scale'], False), (['gravity'], False)):
+    lagging, on_wire = ['driver_lag', 'power_scale'], ['driver_deadband', 'resistance_feedback']
+    for effects, kept in ((on_wire, True), (['driver_deadband'], False), (lagging, False), (['gravity'], False)):
         other = make_model('module', 'hybrid', [active(name) for name in effects], solver__rtol=1e-4)
         assert (smoothed_at(other, source) is None) == kept, effects
     limited = make_model('module', 'hybrid', [active('driver_lag', rise=0.5)], solver__rtol=1e-4)
@@ -201,8 +202,11 @@ def tangents_of(model, source, names, channels, *moved_inputs):
         return new_run(one, np.asarray(source.values[0]), new_work(one))
 
     def moved(name):
-        parameters = {**model.config.parameters, name: model.config.parameters[name] * (1.0 + DELTA)}
-        other = type(model)(replace(model.config, parameters=parameters))
+        known = model.config.parameters | {
+            f'effects.{one.effect.name}.{short}': value
+            for one in model.config.effects for short, value in one.by_short_name.items()
+        }  # fmt: skip
+        other = type(model)(model.config.variant({name: known[name] * (1.0 + DELTA)}))
         return Neighbour(other, started(other))
 
     beside = [moved(name) for name in names]
@@ -230,6 +234,47 @@ def test_tangents_of_a_closed_loop(kind, monkeypatch):
     assert (error[:-1] < 2e-3).all() and (error[-1] < 0.1).all()  # what shifts rows acts by impulses
 
 
+@pytest.mark.parametrize(
+    ('name', 'values'), [('driver_deadband', {'J_d': 0.05}), ('driver_saturation', {'r': 2.0, 'p': 3.0}), ('both', {})]
+)
+def test_tangents_of_a_loop_whose_driver_is_not_linear(name, values, monkeypatch):
+    """Lines are of what the driver passes on: derivatives in its own parameters and in the command come through it."""
+    pair = [
+        active('driver_deadband', J_d=0.05),
+        active('power_gain_mismatch', ratio=1.1),
+        active('driver_saturation', r=2.0),
+    ]
+    effects = [active(name, **values)] if values else pair
+    model = make_model('module', 'mas', effects, solver__rtol=3e-5)
+    source = closed_loop(make_model(), DURATION, 0)
+    named = [f'effects.{one.effect.name}.{p}' for one in effects for p in one.by_short_name]
+    names, channels = ['wire.lambda', *named], ('alpha', 'F_1', 'T_2')
+    inputs = [replace(source, values=source.values * (1.0 + np.array([1.0, 0.0]) * DELTA))]
+    inputs.append(replace(source, times=source.times + DELTA * np.r_[0.0, np.full(len(source.times) - 2, 0.01), 0.0]))
+    found = tangents_of(model, source, names, channels, *inputs)
+    monkeypatch.setattr(smoothed_input, 'SMOOTHED', 0.0)
+    row_by_row = tangents_of(model, source, names, channels, *inputs)
+    assert found.smoothed and not row_by_row.smoothed and found.trajectory.steps < 0.8 * row_by_row.trajectory.steps
+    size = np.sqrt((row_by_row.tangents**2).mean(axis=2))
+    assert (size > 0.0).all()
+    size[:-1] = size[:-1].max(axis=0)
+    error = np.sqrt(((found.tangents - row_by_row.tangents) ** 2).mean(axis=2)) / size
+    assert (error[:-1] < 0.02).all() and (error[-1] < 0.1).all()  # a force where a transformation begins
+
+
+def test_a_lag_and_what_depends_on_the_wire_go_before_no_lines():
+    """What a driver of the command alone makes is computed beforehand; with what comes before it, only if that is so too."""
+    structure, wire = package_structures()['module'], wire_constants(make_model().config.parameters)
+
+    def passed(*effects):
+        return passed_before(effects, structure, wire, 1.0)
+
+    bent, gain = active('driver_saturation', r=2.0), active('power_gain_mismatch', ratio=1.1)
+    assert passed() == 0 and passed(gain) == 0 and passed(bent) == 1 and passed(bent, gain) == 2
+    assert passed(bent, active('driver_lag', tau=0.2)) == 1
+    assert passed(active('driver_lag', tau=0.2, rise=1.0)) is None and passed(bent, active('resistance_feedback')) is None
+
+
 def test_the_temperature_of_a_smoothed_run_differs_by_what_is_allowed():
     """|D| <= 2 max |E|/C, beside the errors of both runs."""
     model = make_model(solver__rtol=1e-4)
@@ -243,13 +288,13 @@ def test_the_temperature_of_a_smoothed_run_differs_by_what_is_allowed():
 
 
 @pytest.mark.parametrize('system', ['module', 'spatial', 'slider', 'wire'])
-def test_every_effect_is_asked_whether_it_passes_lines(system):
+def test_every_effect_is_asked_whether_it_passed_before(system):
     """Kernels read the parameters of further bundles and of a plane, too."""
     structure = package_structures()[system]
     for found in package_effects().values():
         one = effect_on(found, structure)
         active = ActiveEffect(one, tuple(p.default for p in one.parameters))
-        assert passes_lines([active], structure, wire_constants(structure.default_values), 1.0) in (True, False)
+        assert passed_before([active], structure, wire_constants(structure.default_values), 1.0) in (True, False)
 
 
 def test_an_ambient_temperature_may_be_ahead_for_as_long_as_a_wire_takes_to_follow():
