@@ -7,6 +7,7 @@ import pytest
 
 import sma_sim
 from sma_sim.challenge.draw import named_truth
+from sma_sim.evidence.monitoring import live_diagnosis
 from sma_sim.evidence.monitoring.causes import causes_for
 from sma_sim.evidence.monitoring.live_criteria import BIN, SPAN
 from sma_sim.evidence.monitoring.live_diagnosis import CHANGE, INSTANTS, LiveDiagnosis
@@ -127,6 +128,32 @@ def test_a_cause_starts_from_the_valley_that_is_deepest():
     start = found._from_best_instant(part, late, INSTANTS)
     assert late.cost > best.cost + 50.0 and start.cost < best.cost + 20.0
     assert start.onset == pytest.approx(best.onset, abs=1.5) and start.amounts == pytest.approx(best.amounts, rel=0.2)
+
+
+def test_the_shape_of_a_law_is_fitted():
+    """Other exponents than the one that causes are probed with are convection too, and no other law."""
+    found = followed('natural_convection', {'k': 60.0, 'm': 0.1}).evaluate()
+    best, true = found.findings[0], cause('natural_convection').values(CONFIG, {'k': 60.0, 'm': 0.1})
+    assert best.name == 'natural_convection' and best.probability > 0.9 and found.left < 1.1
+    assert best.values['effects.natural_convection.m'] == pytest.approx(true['effects.natural_convection.m'], abs=0.05)
+
+
+def test_a_change_is_looked_for_further_back_until_it_begins_within(monkeypatch):
+    monkeypatch.setattr(live_diagnosis, 'EARLIER', 0.5)
+    found = followed('gravity', {'g_y': -2.0}, end=80.0)
+    verdict = found.evaluate()
+    part, fitted = found._leading
+    assert part.window.begin < ONSET < part.window.begin + fitted[0].onset + 2.0
+    assert verdict.findings[0].name == 'gravity' and abs(verdict.since / 1e9 - 1.0 - ONSET) < 2.0
+
+
+def test_causes_start_from_where_the_last_evaluation_has_left_them_too(monkeypatch):
+    found = followed('gravity', {'g_y': -2.0}, end=80.0)
+    first = found.evaluate()
+    monkeypatch.setattr(found, '_started', lambda *_: [])
+    again = found.evaluate()
+    assert again.findings[0].name == first.findings[0].name == 'gravity'
+    assert again.findings[0].values == pytest.approx(first.findings[0].values, rel=0.01, abs=1e-3)
 
 
 def test_noise_that_looks_like_a_change_for_a_while_dates_none():

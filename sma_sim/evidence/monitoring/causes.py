@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
-from math import exp
+from math import exp, log
 from pathlib import Path
 
 from sma_sim.compiler.fields_read import uses_time
@@ -60,18 +60,24 @@ class Cause:
         change of its logarithm.
     candidate
         The effect; None for a parameter of the model or the ambient temperature.
+    shapes
+        By parameter that has no neutral value, a quarter of its realistic range, from the middle: of its logarithm where it
+        is positive.
     """
 
     name: str
     words: str
     steps: Mapping[str, tuple[float, ...]]
     candidate: Candidate | None = None
+    shapes: Mapping[str, float] = field(default_factory=dict)
 
     def values(self, config: Config, amounts: Mapping[str, float]) -> dict[str, float]:
-        """The parameters of a configuration after the change, by full name (SI), within bounds; `amounts`: from neutral."""
+        """The parameters of a configuration after the change, by full name (SI), within bounds; `amounts`: from neutral, of
+        shapes from the middle."""
         if self.candidate is not None:
             shape, declared = middle_of(self.candidate)[0].shape, self.candidate.effect.parameters
-            values = {p.name: shape.get(p.name, float(p.neutral or 0.0)) + amounts.get(p.name, 0.0) for p in declared}
+            middle = {p.name: shape.get(p.name, float(p.neutral or 0.0)) for p in declared}
+            values = {p.name: moved(p, middle[p.name], amounts.get(p.name, 0.0)) for p in declared}
             within = {p.name: min(max(values[p.name], p.bounds[0]), p.bounds[1]) for p in declared}
             return {f'effects.{self.name}.{name}': value for name, value in within.items()}
         if self.name == COOLING:
@@ -124,11 +130,29 @@ def constant_kin(beginning: Candidate, candidates: Sequence[Candidate]) -> list[
 
 
 def effect_cause(candidate: Candidate) -> Cause:
-    """An effect that begins, with the middle of its shapes; what is an instant is that at which it begins."""
+    """An effect that begins, probed with the middle of its shapes; what is an instant is that at which it begins."""
     steps: dict[str, tuple[float, ...]] = {}
     for probe in middle_of(candidate):
         steps[probe.parameter] = (*steps.get(probe.parameter, ()), probe.step)
-    return Cause(candidate.name, candidate.effect.phrase, steps, candidate)
+    instants = instants_of(candidate.effect)
+    shapes = [one for one in candidate.effect.parameters if one.neutral is None and one.name not in instants]
+    quarters = {one.name: quarter_of(one, *one.realistic) for one in shapes if one.realistic is not None}
+    return Cause(candidate.name, candidate.effect.phrase, steps, candidate, quarters)
+
+
+def quarter_of(parameter: Parameter, low: float, high: float) -> float:
+    """A quarter of the realistic range of a shape, as it is moved."""
+    return (log(high / low) if is_scale(parameter) else high - low) / 4.0
+
+
+def is_scale(parameter: Parameter) -> bool:
+    """Whether a parameter is a positive one that has no neutral value, of which the logarithm is moved."""
+    return parameter.neutral is None and parameter.realistic is not None and parameter.realistic[0] > 0.0
+
+
+def moved(parameter: Parameter, value: float, amount: float) -> float:
+    """A parameter at another value than the one given: by an amount, or of a scale by that of its logarithm."""
+    return value * exp(amount) if is_scale(parameter) else value + amount
 
 
 def middle_of(candidate: Candidate) -> tuple[Probe, ...]:

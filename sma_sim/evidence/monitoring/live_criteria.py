@@ -16,7 +16,7 @@ MAX_AMOUNT = 4.0 * AMOUNT
 ONSET_STD = 10.0
 """[s] of an instant that the data do not tell: what changes slowly shows late."""
 EARLIER = 2.0 * ONSET_STD
-"""[s] before its detection at which a change may have begun, at the earliest."""
+"""[s] before its detection from which a change is looked for; twice as long before where it would begin just then."""
 
 # How the past is kept
 BIN = 0.25

@@ -194,6 +194,15 @@ class FittedCause:
     responses: Matrix
     onset: float
 
+    def with_shapes(self) -> FittedCause:
+        """The same, with the shapes of its law among what is fitted, in the middle of what is realistic if they were not."""
+        new = {name: step for name, step in self.cause.shapes.items() if name not in self.steps}
+        return replace(self, steps={**self.steps, **new}, amounts=np.concatenate([self.amounts, np.zeros(len(new))]))
+
+    def within(self, amounts: Vector) -> Vector:
+        """Amounts as far as they may go: strengths one way, shapes either."""
+        return np.clip(amounts, [-MAX_AMOUNT if name in self.cause.shapes else 0.0 for name in self.steps], MAX_AMOUNT)
+
     @property
     def cost(self) -> float:
         """Minus the log posterior of amounts and instant."""
@@ -275,14 +284,24 @@ class LiveDiagnosis:
         shows, onset = window.onset(prior), window.onset(prior, UNLISTED - CHANGE)
         if window.end < onset + STEP + BIN * SHORTEST:
             return None
-        first, state = self._track.state_at(max(window.begin, shows - EARLIER))
-        z, precision = window.before(first).told(prior)
-        part = window.since(first, state).without(shows, shows + STEP).moved(z)
-        base = part.shown(self._model, self._model, self._noise)
-        if base is None:
-            return None
-        beside = Comparison.of(part, base, precision)
-        return self._compared(beside, onset - first, now, begin + round(1e9 * first), is_stopped)
+        found, earlier = None, EARLIER
+        while not is_stopped():
+            first, state = self._track.state_at(max(window.begin, shows - earlier))
+            z, precision = window.before(first).told(prior)
+            part = window.since(first, state).without(shows, shows + STEP).moved(z)
+            base = part.shown(self._model, self._model, self._noise)
+            if base is None:
+                return None
+            beside = Comparison.of(part, base, precision)
+            found = self._compared(beside, onset - first, now, begin + round(1e9 * first), is_stopped)
+            if first <= window.begin or not self._begins_at_limit():
+                break
+            earlier *= 2.0
+        return found
+
+    def _begins_at_limit(self) -> bool:
+        """Whether the most probable cause begins where the past that was looked at does: it may have begun earlier."""
+        return self._leading is not None and any(one.onset <= 0.0 for one in self._leading[1][:1])
 
     def _beside_calibrated(self, past: Past, heard: Window) -> Window:
         """What is left beside the model with the parameters that the first minutes tell, where these and noise explain
@@ -308,7 +327,7 @@ class LiveDiagnosis:
         self, part: Comparison, onset: float, now: int, begin: int, is_stopped: Callable[[], bool]
     ) -> LiveFinding | None:
         """The causes that begin up to `onset` s after a part of the past does, at `begin` [ns], by probability."""
-        fitted = list[FittedCause]()
+        fitted, again = list[FittedCause](), self._fitted_before(part, onset + STEP)
         for cause in self._causes:
             if is_stopped():
                 return None
@@ -316,9 +335,10 @@ class LiveDiagnosis:
         for kept, instants in ((len(fitted), FEW_INSTANTS), (SKETCHED, INSTANTS)):
             fitted = [self._from_best_instant(part, one, instants) for one in fitted[:kept]]
             fitted.sort(key=lambda one: -one.score())
-        for kept, steps in ((SKETCHED, SKETCHES), (REFINED, REFINEMENTS)):
-            leading = sorted(fitted, key=lambda one: -one.score())[:kept]
-            fitted = [self._converged(part, one, onset + STEP, steps) for one in leading if not is_stopped()]
+        for kept, steps, others in ((SKETCHED, SKETCHES, again), (REFINED, REFINEMENTS, [])):
+            leading = [*sorted(fitted, key=lambda one: -one.score())[:kept], *others]
+            starts = leading if steps == SKETCHES else [one.with_shapes() for one in leading]
+            fitted = best_of_each([self._converged(part, one, onset + STEP, steps) for one in starts if not is_stopped()])
         if is_stopped():
             return None
         k = part.overdispersion(max(fitted, key=FittedCause.score)) if fitted else 1.0
@@ -340,6 +360,15 @@ class LiveDiagnosis:
             part.window.error_of(part.residuals),
             part.window.error_of(part.residuals if best is None else best.left),
         )
+
+    def _fitted_before(self, part: Comparison, latest: float) -> list[FittedCause]:
+        """The causes of the last evaluation from where they lay then, which begin until `latest` [s]: when there was less to
+        explain, the way into the right valley may have been shorter."""
+        before, fitted = self._leading or (part, ())
+        later = before.window.begin - part.window.begin
+        moved = [(one, min(max(one.onset + later, 0.0), latest)) for one in fitted]
+        found = [self._linear(part, self._at(part, one, one.amounts, onset), latest) for one, onset in moved]
+        return [one for one in found if one is not None]
 
     def _probabilities(self, part: Comparison, fitted: Sequence[FittedCause], k: float) -> tuple[Vector, float]:
         """Probabilities of nothing, of what is not listed, and of every cause (2 + c,) under an overdispersion k; log odds
@@ -441,7 +470,7 @@ class LiveDiagnosis:
             precision = best.precision()
             while damping <= MAX_DAMPING:
                 step = np.linalg.solve(precision + damping * np.diag(np.diag(precision)), gradient)
-                amounts = np.clip(best.amounts + step[:-1], 0.0, MAX_AMOUNT)
+                amounts = best.within(best.amounts + step[:-1])
                 onset = min(max(best.onset + float(step[-1]), 0.0), latest)
                 tried = self._at(part, best, amounts, onset)
                 if tried is not None and tried.cost < best.cost:
@@ -476,6 +505,14 @@ class LiveDiagnosis:
             if beside is not None:
                 rows[j] = (one.left - beside.left) / moved
         return replace(one, responses=rows)
+
+
+def best_of_each(fitted: Sequence[FittedCause]) -> list[FittedCause]:
+    """Of several fits of each cause the best."""
+    found = dict[str, FittedCause]()
+    for one in sorted(fitted, key=lambda one: -one.score()):
+        found.setdefault(one.cause.name, one)
+    return [*found.values()]
 
 
 def scaled(steps: Mapping[str, float], amounts: Vector) -> dict[str, float]:
