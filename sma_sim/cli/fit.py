@@ -24,7 +24,10 @@ from sma_sim.cli.common.data import (
 from sma_sim.cli.common.options import add_config_options, announce_first_compilation, folders_beside
 from sma_sim.evidence.estimation.calibrate import Calibration, FitOptions, calibrate, limits_from
 from sma_sim.evidence.estimation.held_out_prediction import RunFit
+from sma_sim.evidence.estimation.recording_differences import BY_NAME, RecordingDifference, with_differences
 from sma_sim.evidence.estimation.search_context import iteration_words
+from sma_sim.model.errors import UserError
+from sma_sim.model.nearest import suggestion
 from sma_sim.model.progress import ProgressLine
 from sma_sim.model.shown import text_table
 from sma_sim.words.fit_remarks import remarks_on
@@ -42,6 +45,12 @@ def add_parser(verbs: Any) -> None:
         action='append',
         metavar='NAMES',
         help='parameters to fit, separated by commas (default: those that such data determine, and all of active effects)',
+    )
+    parser.add_argument(
+        '--differ',
+        action='append',
+        metavar='WHAT',
+        help=f'what is another one in each recording, separated by commas: {", ".join(BY_NAME)} (default: nothing)',
     )
     parser.add_argument(
         '--starts', type=int, default=2, metavar='N', help='number of starting points of the optimization (default 2)'
@@ -62,7 +71,9 @@ def add_parser(verbs: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Fit, predict what was held out, write what was asked for."""
     check_sheet(arguments.sheet)
+    differences = [difference_named(name) for name in split_names(arguments.differ) or ()]
     config, fitted, held_out = model_and_recordings(arguments, arguments.out, arguments.sheet)
+    fitted, held_out = with_differences(fitted, differences), held_out and with_differences(held_out, differences)
     made = provenance_of(arguments, (arguments.config, config))
     (config,) = from_curves(fitted, config)
     options = FitOptions(
@@ -95,6 +106,13 @@ def run(arguments: argparse.Namespace) -> int:
         review.write_page(arguments.report, made)
     print_written(arguments.out, arguments.report, arguments.json, arguments.sheet)
     return EXIT_INTERRUPTED if found.interrupted else 0
+
+
+def difference_named(name: str) -> RecordingDifference:
+    """What each recording has its own of. Raises UserError for what recordings do not differ in."""
+    if name not in BY_NAME:
+        raise UserError(f'--differ {name}: expected {", ".join(BY_NAME)}{suggestion(name, BY_NAME)}')
+    return BY_NAME[name]
 
 
 def split_names(words: Sequence[str] | None) -> tuple[str, ...] | None:

@@ -73,6 +73,7 @@ def run_data(fit: RunFit, held_out: bool) -> dict[str, Any]:
         'zeros': fit.zeros,
         'drifts': fit.drifts,
         'ambient': fit.ambient,
+        'factors': dict(fit.factors),
         'warmth': fit.beginning.warmth,
     }
 

@@ -12,7 +12,7 @@ from sma_sim.evidence.estimation.plausibility import ImplausibleParameter
 from sma_sim.evidence.estimation.run_estimates import DISAGREE, MIN_P, ParameterByRun, disagreement
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95, RULED_OUT
 from sma_sim.model.config import AUTO, Config
-from sma_sim.words.nuisances import ambient_sentence, beginning_words, offset_sentences, warm_wires
+from sma_sim.words.nuisances import ambient_sentence, beginning_words, factor_sentences, offset_sentences, warm_wires
 
 MISFIT = 1.3  # normalized RMSE above which a model lacks something: noise that was estimated may be off by as much
 ONE_START = 'from one starting point: other minima were not looked for'
@@ -34,6 +34,7 @@ def remarks_on(found: Calibration) -> list[str]:
     remarks.append(kinetics_sentence(found.config, found.kinetics))
     remarks += offset_sentences(found)
     remarks += [sentence] if (sentence := ambient_sentence(found)) else []
+    remarks += factor_sentences(found)
     if wires := warm_wires(found):
         remarks.append(f'how warm wires were when recordings began, estimated for each: {beginning_words(wires)}')
     if any(fit.zero for fit in found.runs):

@@ -9,6 +9,7 @@ from typing import Any
 
 from sma_sim.evidence.estimation.calibrate import Calibration
 from sma_sim.evidence.estimation.held_out_prediction import RunFit
+from sma_sim.evidence.estimation.recording_differences import CONVECTION, LENGTH, SUPPLY
 from sma_sim.evidence.estimation.uncertainty import Interval
 from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.model.parameters import ZERO_CELSIUS
@@ -30,6 +31,19 @@ def ambient_sentence(found: Calibration) -> str:
     """The ambient temperature of each recording where that was not known; empty where it was."""
     shown = ', '.join(f'{run.name} {run.ambient:+.2f}' for run in found.runs if run.ambient_std > 0.0)
     return f'ambient temperature above that of the recording, estimated for each [K]: {shown}' if shown else ''
+
+
+def factor_sentences(found: Calibration) -> list[str]:
+    """What each recording had another one of, a sentence for each parameter."""
+    by_parameter: dict[str, list[str]] = {}
+    for run in found.runs:
+        for parameter, factor in run.factors:
+            by_parameter.setdefault(parameter, []).append(f'{run.name} {factor:.4g}')
+    words = {one.parameter: one.words for one in (CONVECTION, LENGTH, SUPPLY)}
+    return [
+        f'{words.get(parameter, parameter)}, estimated for each recording as a factor: {", ".join(shown)}'
+        for parameter, shown in by_parameter.items()
+    ]
 
 
 @dataclass(frozen=True)

@@ -243,6 +243,25 @@ def test_a_fit_and_a_comparison_are_told_that_recordings_may_begin_in_motion(tmp
     assert 'how warm wires were when recordings began, estimated for each: wire_1 of run1 at ' in capsys.readouterr().out
 
 
+def test_a_fit_is_told_what_recordings_differ_in(tmp_path, capsys):
+    """In one of them the driver gives 7 % less than was commanded."""
+    for one in pieces()[0][:2]:
+        factor = 0.93 if one.name == 'run2' else 1.0
+        command = inputs_at(one.source, one.time)['J_eq_W'] / factor
+        channels = {CHANNEL_COLUMNS[name]: values for name, values in one.channels.items()}
+        columns = {'time_s': one.time, 'J_eq_W': command, 'T_E_K': np.full(len(one.time), 298.0), **channels}
+        write_recording(tmp_path / f'{one.name}.csv', columns)
+    noise, path = [word for name, std in NOISE.items() for word in ('--noise', f'{name}={std}')], tmp_path / 'found.json'
+    command = ['fit', str(tmp_path), '--free', 'beam.E', '--model', 'hybrid', '--starts', '1', '--in-motion', *noise]
+    assert main([*command, '--differ', 'power,ambient', '--json', str(path)]) == 0
+    said = capsys.readouterr().out
+    factors = {name: run['factors'][GAIN] for name, run in json.loads(path.read_text())['error']['runs'].items()}
+    assert factors['run2'] / factors['run1'] == pytest.approx(0.93, abs=0.005)
+    assert f'the power that its driver gives, estimated for each recording as a factor: run1 {factors["run1"]:.4g}' in said
+    assert main([*command, '--differ', 'lenght']) == 2
+    assert '--differ lenght: expected ambient, heat-transfer, length' in capsys.readouterr().err
+
+
 def test_the_derivatives_in_what_is_left_of_a_motion_are_those_of_the_residuals():
     """Of the states of an effect too, such as the power that a driver still gives."""
     dataset = with_differences(sma_sim.Dataset(pieces()[0][:1], NOISE), (IN_MOTION,))

@@ -88,6 +88,9 @@ CONVECTION = RecordingDifference('the heat transfer to the air', parameter='wire
 LENGTH = RecordingDifference('the length of its wires', parameter='wire.l0', std=LENGTH_STD)
 SUPPLY = RecordingDifference('the power that its driver gives', parameter=GAIN, std=SUPPLY_STD)
 ROUNDED_COMMANDS = RecordingDifference('the rounding of commands', rounded_commands=True)
+BY_NAME = {
+    'ambient': AMBIENT, 'heat-transfer': CONVECTION, 'length': LENGTH, 'power': SUPPLY, 'rounded-commands': ROUNDED_COMMANDS,
+}  # fmt: skip
 
 
 def with_differences(dataset: Dataset, differences: Collection[RecordingDifference]) -> Dataset:
