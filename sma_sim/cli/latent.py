@@ -8,6 +8,7 @@ from typing import Any
 from sma_sim.cli.common.commands import add_command
 from sma_sim.cli.common.data import (
     EXIT_INTERRUPTED,
+    add_beginning_option,
     add_data_options,
     add_search_options,
     chosen_executor,
@@ -30,6 +31,7 @@ def add_parser(verbs: Any) -> None:
     """Declare the verb."""
     parser = add_command(verbs, 'latent', 'estimate the missing force, heat or other input over time, and where it acts')
     add_data_options(parser)
+    add_beginning_option(parser)
     parser.add_argument('-o', dest='report', metavar='FILE.html', help='the same as --report', type=report_path)
     parser.add_argument(
         '--no-fit', action='store_true', help='take --config as calibrated: only the initial states and the delay are fitted'

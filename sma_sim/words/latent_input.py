@@ -29,7 +29,7 @@ def verdict_sentences(found: LatentInputs) -> Iterator[str]:
     if found.in_motion:
         yield (
             'the recordings do not begin at rest, by their first samples, and are taken to: what is left of a motion before '
-            'them passes for an input; sma-sim diagnose estimates how warm wires were'
+            'them passes for an input; --in-motion estimates how warm wires were'
         )
     if found.findings:
         yield f'{found.model} model, {", ".join(found.runs)}: normalized RMSE {found.error:.2f}'

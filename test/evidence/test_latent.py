@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from simulated_data import NOISE, config, dataset
 
-from sma_sim import Config, UserError
+from sma_sim import Config
 from sma_sim.challenge.files import write_challenge
 from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.cli import latent as latent_command
@@ -39,9 +39,11 @@ from sma_sim.evidence.latent_input.sensitivities import (
     time_function_at,
     with_rows_at_knots,
 )
+from sma_sim.solver.beginning import AT_REST, Beginning
 from sma_sim.words.latent_input import latent_data, ranking_rows, verdict_sentences
 
 STRUCTURE = config('mas').structure
+WARM = Beginning((12.0, 3.0), (2e-4, 1e-3, 0.01), (0.0, 1e-3, 0.0))
 BY_NAME = {port.name: port for port in ports_of(config('mas'), STRUCTURE.channels)}
 
 
@@ -97,14 +99,38 @@ def test_a_search_that_was_stopped_at_once_says_nothing_of_ports(shaken):
 
 
 def test_recordings_that_do_not_begin_at_rest_are_said_to(shaken):
-    """What is left of a motion before them passes for an input; those of which it is known are refused."""
-    case, found = shaken
+    """What is left of a motion before them passes for an input."""
+    _, found = shaken
     (said,) = [line for line in verdict_sentences(replace(found, in_motion=True)) if 'do not begin at rest' in line]
-    assert 'sma-sim diagnose' in said and not any('at rest' in line for line in verdict_sentences(found))
+    assert '--in-motion' in said and not any('at rest' in line for line in verdict_sentences(found))
     assert latent_data(replace(found, in_motion=True))['in_motion'] and not latent_data(found)['in_motion']
-    moving = tuple(replace(recording, in_motion=True) for recording in case.dataset.recordings)
-    with pytest.raises(UserError, match='run1, run2: latent takes recordings to begin at rest.*sma-sim diagnose'):
-        estimate_latent_inputs(replace(case.dataset, recordings=moving), case.nominal)
+
+
+def without_beginning(recording, cut):
+    """What was recorded of a run from a time on, at which it is in motion."""
+    source, later = recording.source, recording.time >= cut
+    times = np.array([cut, *source.times[source.times > cut]])
+    values = source.values[np.searchsorted(source.times, times, side='right') - 1]
+    channels = {name: row[later] for name, row in recording.channels.items()}
+    moved = replace(source, times=times - cut, values=values)
+    return replace(recording, time=recording.time[later] - cut, channels=channels, source=moved)
+
+
+@pytest.mark.slow
+def test_an_input_is_found_in_recordings_that_begin_in_motion():
+    """With wires that are warm from before; taken to begin at rest, these pass for an input of their own."""
+    case = make_challenge(7, kinds=['shaking_table'], forces=True, plan=RecordingPlan(duration=30.0, rate=10.0))
+    cut = tuple(without_beginning(one, 10.0) for one in case.dataset.recordings)
+    still, moving = (
+        estimate_latent_inputs(
+            replace(case.dataset, recordings=tuple(replace(one, in_motion=said) for one in cut)),
+            case.nominal,
+            request=LatentRequest('mas'),
+        )
+        for said in (False, True)
+    )
+    assert still.in_motion and not moving.in_motion
+    assert moving.verdict == 'force_U_y' and moving.findings[0].error < 1.1 < moving.error
 
 
 def test_the_data_of_the_answer(shaken):
@@ -124,14 +150,14 @@ def test_responses_add_up(name, model):
     start = config(model, solver__rtol=1e-9)
     run = fit_data(dataset(start, [4], noise=1.0, rate=10.0).recordings[0], NOISE)
     grid, port = knot_grid(run, 10), BY_NAME[name]
-    initial_state, fixed_run, nuisance = initialized(
-        start, replace(run, source=with_rows_at_knots(run.source, grid.knots)), Nuisance(start=(0.3, 0.3))
+    fixed_run, nuisance = initialized(
+        replace(run, source=with_rows_at_knots(run.source, grid.knots)), Nuisance(start=(0.3, 0.3))
     )
 
     def response(values):
-        with_input = replace(initial_state, effects=(input_effect(port, grid, 1e-2 * port.probe * values, STRUCTURE),))
+        with_input = replace(start, effects=(input_effect(port, grid, 1e-2 * port.probe * values, STRUCTURE),))
         return binned(
-            weighted_residuals(with_input, fixed_run, nuisance) - weighted_residuals(initial_state, fixed_run, nuisance),
+            weighted_residuals(with_input, fixed_run, nuisance) - weighted_residuals(start, fixed_run, nuisance),
             run,
             grid,
         )
@@ -145,23 +171,24 @@ def test_responses_add_up(name, model):
 
 @pytest.mark.parametrize('name', ['moment_alpha', 'heat_1', 'strain_2'])
 @pytest.mark.parametrize('model', ['hybrid', 'mas'])
-def test_what_an_input_cannot_reach_is_not_simulated_again(name, model):
+@pytest.mark.parametrize('beginning', [AT_REST, WARM], ids=['at rest', 'warm'])
+def test_what_an_input_cannot_reach_is_not_simulated_again(name, model, beginning):
     """From the state of the model at an earlier knot a response is what it is from the beginning of the run."""
     run = fit_data(dataset(config(model), [4], noise=1.0, rate=10.0).recordings[0], NOISE)
     grid, port = knot_grid(run, 30), BY_NAME[name]
-    initial_state, fixed_run, nuisance = initialized(
-        config(model),
+    fixed_run, nuisance = initialized(
         replace(run, source=with_rows_at_knots(run.source, grid.knots)),
-        Nuisance(delay=0.03, start=(0.3, 0.3)),
+        Nuisance(delay=0.03, start=(0.3, 0.3), beginning=beginning),
     )
-    parts = run_segments(port, initial_state, fixed_run, nuisance, grid)
+    start = config(model)
+    parts = run_segments(port, start, fixed_run, nuisance, grid)
     part = parts[3]
     assert part.affected.sum() < 0.7 * len(run.time) and parts[0].affected.all()
-    shown = knot_responses(KnotResponseTask(part, fixed_run, grid, PickledConfig(initial_state), nuisance, port))
+    shown = knot_responses(KnotResponseTask(part, fixed_run, grid, PickledConfig(start), nuisance, port))
 
     def from_the_beginning(values):
         return weighted_residuals(
-            replace(initial_state, effects=(input_effect(port, grid, port.probe * values, STRUCTURE),)), fixed_run, nuisance
+            replace(start, effects=(input_effect(port, grid, port.probe * values, STRUCTURE),)), fixed_run, nuisance
         )
 
     for k, knot in enumerate(part.knots):
@@ -257,9 +284,10 @@ def test_what_is_left_is_simulated_and_tells_the_port():
     found = estimate_latent_inputs(case.dataset, case.nominal)
     best, *others = found.findings
     assert found.error > 2.0 and found.verdict == 'power' and best.error < 1.2
-    assert set(found.indistinguishable) <= {'heat'} and all(finding.error > 1.08 * best.error for finding in others)
+    told_apart = [finding for finding in others if finding.name not in found.indistinguishable]
+    assert set(found.indistinguishable) <= {'heat'} and all(finding.error > 1.08 * best.error for finding in told_apart)
     assert 0.8 < found.held_out / found.error < 1.3  # of the fit itself: a few parameters predict gaps as well as they fit
-    assert all(finding.error > 1.3 for finding in others if not finding.name.startswith('heat')) and set(
+    assert all(finding.error > 1.15 for finding in others if not finding.name.startswith('heat')) and set(
         best.parameters
     ) >= {'wire.lambda', 'beam.E'}
     limit, _ = case.answer.effects[0].parameters['P_max']

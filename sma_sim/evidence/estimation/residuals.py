@@ -9,6 +9,7 @@ from math import inf, isclose, isnan, nan
 import numpy as np
 from numpy.typing import NDArray
 
+from sma_sim.compiler.fields_read import fields_read
 from sma_sim.evidence.data.noise import estimate_noise
 from sma_sim.evidence.data.noise_process import NoiseProcess
 from sma_sim.evidence.data.recording import GAIN, Dataset, Recording, columns_of_family, is_resistance
@@ -254,10 +255,12 @@ def beginning_stds(structure: Structure) -> Beginning:
 
 def with_states(run: FitData, config: Config) -> Beginning:
     """The priors of what is left of a motion before a run, with those of the extra states of a model's effects: as far from
-    their first values as their sizes, which is what they usually change by; one of copies that wires share."""
+    their first values as their sizes, which is what they usually change by; one of copies that wires share. What follows
+    from the time is as it is then."""
     on_bench = run.on_bench(config)
-    sizes = sizes_of_states(on_bench.effects, on_bench.structure)
     effects = {active.effect.name: active.effect for active in on_bench.effects}
+    every = sizes_of_states(on_bench.effects, on_bench.structure)
+    sizes = {name: own for name, own in every.items() if 't' not in fields_read(effects[name].rate)}
     shared = [len(effects[name].states) if effects[name].scope.shared else len(own) for name, own in sizes.items()]
     states = tuple((name, own[:count]) for (name, own), count in zip(sizes.items(), shared, strict=True))
     return replace(run.beginning_std, states=states)

@@ -236,8 +236,8 @@ def run_design(point: LinearizationPoint, k: int, ports: Sequence[Port], context
     problem, z = point.problem_of_run(k)
     run, grid, config = problem.runs[0], point.grids[k], problem.fitted(z)
     linearized = linearize(problem, z, context.pool)[0]
-    initial_state, fixed_run, nuisance = initialized(config, run, problem.nuisance(run, z))
-    rows, first_row = port_responses(ports, initial_state, fixed_run, nuisance, grid, context)
+    fixed_run, nuisance = initialized(run, problem.nuisance(run, z))
+    rows, first_row = port_responses(ports, config, fixed_run, nuisance, grid, context)
     rows.append(np.array([binned(row, run, grid).ravel() for row in linearized.jacobian]))
     all_rows = np.concatenate(rows)
     unbinned = linearized.residuals + point.sensor_offsets(k, nuisance.delay)
@@ -257,7 +257,7 @@ def run_design(point: LinearizationPoint, k: int, ports: Sequence[Port], context
         statistics_by_fold(all_rows, residuals, grid),
         excess,
         run.samples,
-        columns_at_knots(initial_state, replace(fixed_run, time=grid.knots), nuisance),
+        columns_at_knots(config, replace(fixed_run, time=grid.knots), nuisance),
     )
 
 

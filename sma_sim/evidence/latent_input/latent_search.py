@@ -161,11 +161,6 @@ def estimate_latent_inputs(
             f'latent estimates inputs over time, which says nothing in a test with imposed stress and temperature '
             f'(system {config.system}): use sma-sim diagnose'
         )
-    if moving := [recording.name for recording in training.recordings if recording.in_motion]:
-        raise UserError(
-            f'{", ".join(moving)}: latent takes recordings to begin at rest, and these are said to be in motion: use '
-            'sma-sim diagnose, which estimates how warm wires were'
-        )
     with executor_or_threads(executor) as pool, progress_in_words('searching', on_progress) as report:
         context = SearchContext(pool, stop, report, (), request.seed)
         fitted = fitted_model(training, config, request, context)

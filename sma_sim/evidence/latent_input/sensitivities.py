@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.evidence.estimation.injection_points import STIFFNESS, Port
-from sma_sim.evidence.estimation.residuals import FitData, Nuisance, weighted_residuals, with_start, with_switches
+from sma_sim.evidence.estimation.residuals import FitData, Nuisance, start_of, weighted_residuals, with_switches
 from sma_sim.evidence.latent_input.time_functions import KNOT_COUNT, time_function_effects
 from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import Config
@@ -81,13 +81,11 @@ def with_rows_at_knots(source: Input, knots: Vector) -> Input:
     return Input(times, values, source.linear, source.names)
 
 
-def initialized(config: Config, run: FitData, nuisance: Nuisance) -> tuple[Config, FitData, Nuisance]:
-    """The configuration with the run's initial state, the run with its switching instants fixed, and its delay."""
-    source = with_switches(run, nuisance.switches)
-    initial_state = with_start(config, source, nuisance.start)
-    none = np.zeros(0)
+def initialized(run: FitData, nuisance: Nuisance) -> tuple[FitData, Nuisance]:
+    """The run with its switching instants fixed, and of what it has its own the delay and where it begins."""
+    source, none = with_switches(run, nuisance.switches), np.zeros(0)
     run = replace(run, source=source, changed=none, interval=none, group=np.zeros(0, dtype=np.int64))
-    return initial_state, run, Nuisance(delay=nuisance.delay)
+    return run, Nuisance(delay=nuisance.delay, start=nuisance.start, beginning=nuisance.beginning)
 
 
 def input_effect(port: Port, grid: KnotGrid, values: Vector, structure: Structure) -> ActiveEffect:
@@ -126,15 +124,15 @@ def run_segments(port: Port, config: Config, run: FitData, nuisance: Nuisance, g
     """
     nothing = input_effect(port, grid, np.zeros(len(grid.knots)), config.structure)
     config = config.variant(effects=(*config.effects, nothing))
-    nominal, source = weighted_residuals(config, run, nuisance), run.source
+    nominal, source, model = weighted_residuals(config, run, nuisance), run.source, Model(config)
     segments: list[RunSegment] = []
-    begin, state = float(source.times[0]), None
+    begin, state = float(source.times[0]), start_of(model, source, nuisance)
     for first in range(0, len(grid.knots), KNOTS_PER_TASK):
         until = float(source.times[source.times <= max(grid.knots[max(first - 1, 0)], begin)][-1])
         if until > begin:
-            state = simulate(Model(config), input_between(source, begin, until), np.zeros(0), initial_state=state).state
+            state = simulate(model, input_between(source, begin, until), np.zeros(0), initial_state=state).state
             begin = until
-        affected = (run.time - nuisance.delay >= begin) | (state is None)
+        affected = (run.time - nuisance.delay >= begin) | (begin == source.times[0])
         later = replace(
             run,
             time=run.time[affected],
