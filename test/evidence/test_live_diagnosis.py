@@ -145,6 +145,10 @@ def test_a_change_is_looked_for_further_back_until_it_begins_within(monkeypatch)
     part, fitted = found._leading
     assert part.window.begin < ONSET < part.window.begin + fitted[0].onset + 2.0
     assert verdict.findings[0].name == 'gravity' and abs(verdict.since / 1e9 - 1.0 - ONSET) < 2.0
+    compared, begins = found._compared, []
+    monkeypatch.setattr(found, '_compared', lambda *given: (begins.append(given[0].window.begin), compared(*given))[1])
+    found.evaluate()
+    assert begins == [part.window.begin]  # from there at once
 
 
 def test_causes_start_from_where_the_last_evaluation_has_left_them_too(monkeypatch):

@@ -280,13 +280,16 @@ class LiveDiagnosis:
         now = begin + round(1e9 * window.end)
         prior = Prior(self._precision, self._z)
         if window.explained(prior).smooth_evidence() <= 0.0:
+            self._leading = None
             return LiveFinding(now, None, (self._named(None, NOTHING, 1.0),), -math.inf, window.error, window.error)
         shows, onset = window.onset(prior), window.onset(prior, UNLISTED - CHANGE)
         if window.end < onset + STEP + BIN * SHORTEST:
             return None
-        found, earlier = None, EARLIER
+        found, start = None, shows - EARLIER
+        if leading := self._leading:
+            start = min(start, leading[0].window.begin)
         while not is_stopped():
-            first, state = self._track.state_at(max(window.begin, shows - earlier))
+            first, state = self._track.state_at(max(window.begin, start))
             z, precision = window.before(first).told(prior)
             part = window.since(first, state).without(shows, shows + STEP).moved(z)
             base = part.shown(self._model, self._model, self._noise)
@@ -296,12 +299,13 @@ class LiveDiagnosis:
             found = self._compared(beside, onset - first, now, begin + round(1e9 * first), is_stopped)
             if first <= window.begin or not self._begins_at_limit():
                 break
-            earlier *= 2.0
+            start -= shows - start
         return found
 
     def _begins_at_limit(self) -> bool:
         """Whether the most probable cause begins where the past that was looked at does: it may have begun earlier."""
-        return self._leading is not None and any(one.onset <= 0.0 for one in self._leading[1][:1])
+        _, fitted = self._leading or ((), ())
+        return any(one.onset <= 0.0 for one in fitted[:1])
 
     def _beside_calibrated(self, past: Past, heard: Window) -> Window:
         """What is left beside the model with the parameters that the first minutes tell, where these and noise explain
