@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from sma_sim.compiler.compile import package_compiler
 from sma_sim.compiler.effect_kernels import kernel_types, own_kernels
-from sma_sim.compiler.fields_read import fields_read
+from sma_sim.compiler.fields_read import WIRE, fields_read
 from sma_sim.compiler.kernel_text import parameter_fields
 from sma_sim.model.arrays import Integers, Matrix, Vector
 from sma_sim.model.effects.discovery import ActiveEffect
@@ -376,8 +376,9 @@ def passed_before(effects: Sequence[ActiveEffect], structure: Structure, wire: W
 
 
 def is_of_command(effect: Effect) -> bool:
-    """Whether what an effect on actuation passes on depends on the command, the wire and parameters alone."""
-    return not effect.states and fields_read(effect.kernel) <= {'J', 'wire'}
+    """Whether what an effect on actuation passes on depends on the command, the number of the wire and its own parameters
+    alone."""
+    return not effect.states and fields_read(effect.kernel) <= {'J', 'wire'} and not fields_read(effect.kernel, WIRE)
 
 
 def is_linear(active: ActiveEffect, structure: Structure, wire: WireConstants, largest: float) -> bool:
