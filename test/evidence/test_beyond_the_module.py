@@ -135,12 +135,12 @@ def test_responses_to_an_input_add_up(name, port):
     grid = knot_grid(run, 10)
     source = with_rows_at_knots(run.source, grid.knots)
     where = next(one for one in ports_of(config, structure.channels) if one.name == port)
-    start, fixed, nuisance = initialized(config, replace(run, source=source), Nuisance(start=(0.4,) * structure.wires))
+    fixed, nuisance = initialized(replace(run, source=source), Nuisance(start=(0.4,) * structure.wires))
 
     def response(values):
         effect = input_effect(where, grid, 0.1 * where.probe * values, structure)
-        return weighted_residuals(replace(start, effects=(effect,)), fixed, nuisance) - weighted_residuals(
-            start, fixed, nuisance
+        return weighted_residuals(replace(config, effects=(effect,)), fixed, nuisance) - weighted_residuals(
+            config, fixed, nuisance
         )
 
     knots = np.eye(len(grid.knots))
