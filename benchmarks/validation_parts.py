@@ -466,7 +466,7 @@ PARTS = (
         'live_diagnosis',
         'Live diagnosis',
         minutes=60,
-        command=cases('live_diagnosis', '--days', '13', '--quiet', '100', '--seed', '251000'),
+        command=cases('live_diagnosis', '--days', '12', '--quiet', '100', '--seed', '261000'),
         text='Parts of days of ten minutes in which something changes, or nothing; and quiet hours in which the room '
         'gets warmer and colder by up to 2 K, as a thermometer tells. Laws of convection, friction and gravity are'
         ' not those of the library.',
