@@ -43,8 +43,9 @@ class Module:
         from std_msgs.msg import Float64
 
         words = ['--ros-args', '-r', f'__ns:=/{name}', '-p', f'node.record:={folder}/{name}', *arguments]
-        self.process = subprocess.Popen([sys.executable, '-m', 'sma_sim.ros.main', *words], stderr=subprocess.DEVNULL)
-        self.name = name
+        self.name, self.log = name, Path(folder) / f'{name}.log'
+        with self.log.open('w') as log:
+            self.process = subprocess.Popen([sys.executable, '-m', 'sma_sim.ros.main', *words], stderr=log)
         self.stamps: list[float] = []
         self.delays: list[float] = []
         self.said: dict[str, str] = {}
@@ -62,6 +63,12 @@ class Module:
         """Keep the node's last words about itself."""
         if message.status[0].name.startswith(f'/{self.name}/'):
             self.said = {value.key: value.value for value in message.status[0].values}
+
+    def is_heard(self) -> bool:
+        """Whether it runs. Raises SystemExit where it has ended."""
+        if self.process.poll() is not None:
+            raise SystemExit(f'{self.name} ended with {self.process.returncode}:\n{self.log.read_text()}')
+        return bool(self.said) and len(self.stamps) > 500
 
     def begin(self) -> None:
         """Count from now on."""
@@ -97,11 +104,11 @@ def soak(names: tuple[str, ...], seconds: float) -> dict[str, Any]:
     from std_msgs.msg import Float64
 
     rclpy.init()
-    client = rclpy.create_node('soak')
+    client, modules = rclpy.create_node('soak'), list[Module]()
     try:
         with tempfile.TemporaryDirectory() as folder:
-            modules = [Module(client, name, folder) for name in names]
-            while not all(module.said and len(module.stamps) > 500 for module in modules):
+            modules += [Module(client, name, folder) for name in names]
+            while not all([module.is_heard() for module in modules]):
                 rclpy.spin_once(client, timeout_sec=0.01)
             for module in modules:
                 module.begin()
@@ -114,6 +121,8 @@ def soak(names: tuple[str, ...], seconds: float) -> dict[str, Any]:
                     sent += 1
             return {module.name: module.result() for module in modules}
     finally:
+        for module in modules:
+            module.process.terminate()
         client.destroy_node()
         rclpy.shutdown()
 
