@@ -100,6 +100,9 @@ class Moved(NamedTuple):
     delta: float
 
 
+NOT_MOVED = Moved({}, 1.0)
+
+
 class Partition(NamedTuple):
     """Rows of an input that are taken together: `first` (k + 1,) of each stretch and of the end, and the line of each."""
 
@@ -108,6 +111,12 @@ class Partition(NamedTuple):
     first: Integers
     lines: Matrix  # (k, columns)
     tilts: Matrix
+
+    def behind_driver(self, heating: Matrix) -> Partition:
+        """The same rows with the `heating` that a driver passes on."""
+        lines, tilts = np.zeros_like(self.lines), np.zeros_like(self.tilts)
+        package_compiler().function(lines_through)(self.times, heating, self.first, lines, tilts)
+        return self._replace(heating=heating, lines=lines, tilts=tilts)
 
 
 class Identity:
@@ -129,7 +138,7 @@ def smoothed(
     until: float,
     leeway: Leeway | None = None,
     shifts: Shifts | None = None,
-    moved: Moved | None = None,
+    moved: Moved = NOT_MOVED,
 ) -> Stretches | None:
     """The heating of every wire and T_E [W, K] in fewer stretches; None where none can be taken together.
 
@@ -152,8 +161,9 @@ def smoothed(
         shifts = Shifts(np.zeros((len(found.times), 0)), *np.zeros((2, 0, 0, source.values.shape[1])))
     by_heating = shifts_of_heating(shifts.values, found.heating, p.antagonistic)
     if passed:
-        by_heating = shifts_behind_driver(model, passed, found.heating, by_heating, moved, shifts.times.shape[1])
-        found = behind_driver(model, passed, found)
+        heating = driven(model, found.heating, passed)
+        by_heating = shifts_behind_driver(model, passed, found.heating, heating, by_heating, moved, shifts.times.shape[1])
+        found = found.behind_driver(heating)
     of_lines = shifts_of_lines(found, shifts.times, by_heating)
     made = Stretches(found.times[found.first], found.lines, found.tilts, *of_lines, passed)
     return made if until <= made.times[-1] else held_lines(made, found.heating[-1], by_heating[-1:], until)
@@ -197,33 +207,25 @@ def system_under(lines: Stretches, p: System) -> System:
     return p._replace(antagonistic=False, effects=p.effects._replace(port_start=starts))
 
 
-def behind_driver(model: Model, passed: int, found: Partition) -> Partition:
-    """Rows that are taken together as they leave the first effects of the actuation chain."""
-    heating = driven(model, found.heating, passed)
-    lines, tilts = np.zeros_like(found.lines), np.zeros_like(found.tilts)
-    package_compiler().function(lines_through)(found.times, heating, found.first, lines, tilts)
-    return found._replace(heating=heating, lines=lines, tilts=tilts)
-
-
 def shifts_behind_driver(
-    model: Model, passed: int, heating: Matrix, shifts: Arrays, moved: Moved | None, unknowns: int
+    model: Model, passed: int, given: Matrix, left: Matrix, shifts: Arrays, moved: Moved, unknowns: int
 ) -> Arrays:
-    """Derivatives of what leaves the first effects of the actuation chain in unknowns (rows, P, columns), from those of the
-    `heating` (rows, columns) that they are given, if there are any."""
-    here, others = driven(model, heating, passed), {} if moved is None else moved.models
+    """Derivatives of what has `left` the first effects of the actuation chain in unknowns (rows, P, columns), from those of
+    the heating that they were `given` (rows, columns), if there are any."""
+    own = driver_parameters(model, passed)
     changes = {
-        j: driven(other, heating, passed) - here
-        for j, other in others.items()
-        if not np.array_equal(driver_parameters(other, passed), driver_parameters(model, passed))
+        j: (driven(other, given, passed) - left) / moved.delta
+        for j, other in moved.models.items()
+        if not np.array_equal(driver_parameters(other, passed), own)
     }
     if len(shifts):
-        step = STEP * float(heating[:, :-1].max())
-        slope = (driven(model, heating + step, passed) - here) / step
-        shifts = shifts * np.where(heating > 0.0, slope, 0.0)[:, None, :]
+        step = STEP * float(given[:, :-1].max())
+        slope = (driven(model, given + step, passed) - left) / step
+        shifts = shifts * np.where(given > 0.0, slope, 0.0)[:, None, :]
     elif changes:
-        shifts = np.zeros((len(heating), unknowns, heating.shape[1]))
+        shifts = np.zeros((len(given), unknowns, given.shape[1]))
     for j, change in changes.items():
-        shifts[:, j] += change / (moved.delta if moved else 1.0)
+        shifts[:, j] += change
     return shifts
 
 

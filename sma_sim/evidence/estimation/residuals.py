@@ -18,6 +18,7 @@ from sma_sim.evidence.estimation.prepared_fit import check_data
 from sma_sim.model.argument_checks import check_fields, checked
 from sma_sim.model.arrays import Mask, Vector
 from sma_sim.model.config import Config
+from sma_sim.model.effects.effect import Effect
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import known_structures
 from sma_sim.model.structures.structure import Structure
@@ -256,14 +257,20 @@ def beginning_stds(structure: Structure) -> Beginning:
 def with_states(run: FitData, config: Config) -> Beginning:
     """The priors of what is left of a motion before a run, with those of the extra states of a model's effects: as far from
     their first values as their sizes, which is what they usually change by; one of copies that wires share. What follows
-    from the time is as it is then."""
+    from the time alone is as it is then."""
     on_bench = run.on_bench(config)
     effects = {active.effect.name: active.effect for active in on_bench.effects}
     every = sizes_of_states(on_bench.effects, on_bench.structure)
-    sizes = {name: own for name, own in every.items() if 't' not in fields_read(effects[name].rate)}
+    sizes = {name: own for name, own in every.items() if not is_of_time(effects[name])}
     shared = [len(effects[name].states) if effects[name].scope.shared else len(own) for name, own in sizes.items()]
     states = tuple((name, own[:count]) for (name, own), count in zip(sizes.items(), shared, strict=True))
     return replace(run.beginning_std, states=states)
+
+
+def is_of_time(effect: Effect) -> bool:
+    """Whether the states of an effect follow from the time alone, as those of an input that is sought do."""
+    read = fields_read(effect.rate)
+    return 't' in read and read <= {'t', 'wire'}
 
 
 def thinned_rows(known: Sequence[NDArray[np.bool_]], every: int) -> NDArray[np.bool_]:

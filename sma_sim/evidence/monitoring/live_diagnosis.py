@@ -197,7 +197,10 @@ class FittedCause:
     def with_shapes(self) -> FittedCause:
         """The same, with the shapes of its law among what is fitted, in the middle of what is realistic if they were not."""
         new = {name: step for name, step in self.cause.shapes.items() if name not in self.steps}
-        return replace(self, steps={**self.steps, **new}, amounts=np.concatenate([self.amounts, np.zeros(len(new))]))
+        none = np.zeros((len(new), len(self.left)))
+        responses = np.concatenate([self.responses[:-1], none, self.responses[-1:]])  # of the instant last
+        amounts = np.concatenate([self.amounts, np.zeros(len(new))])
+        return replace(self, steps={**self.steps, **new}, amounts=amounts, responses=responses)
 
     def within(self, amounts: Vector) -> Vector:
         """Amounts as far as they may go: strengths one way, shapes either."""
@@ -303,7 +306,7 @@ class LiveDiagnosis:
         return found
 
     def _begins_at_limit(self) -> bool:
-        """Whether the most probable cause begins where the past that was looked at does: it may have begun earlier."""
+        """Whether the most probable cause begins as early as it could in the last evaluation: it may have begun before."""
         _, fitted = self._leading or ((), ())
         return any(one.onset <= 0.0 for one in fitted[:1])
 
@@ -339,10 +342,10 @@ class LiveDiagnosis:
         for kept, instants in ((len(fitted), FEW_INSTANTS), (SKETCHED, INSTANTS)):
             fitted = [self._from_best_instant(part, one, instants) for one in fitted[:kept]]
             fitted.sort(key=lambda one: -one.score())
-        for kept, steps, others in ((SKETCHED, SKETCHES, again), (REFINED, REFINEMENTS, [])):
-            leading = [*sorted(fitted, key=lambda one: -one.score())[:kept], *others]
-            starts = leading if steps == SKETCHES else [one.with_shapes() for one in leading]
-            fitted = best_of_each([self._converged(part, one, onset + STEP, steps) for one in starts if not is_stopped()])
+        starts, latest = [*fitted[:SKETCHED], *again], onset + STEP
+        fitted = best_of_each([self._converged(part, one, latest, SKETCHES) for one in starts if not is_stopped()])
+        starts = [one.with_shapes() for one in fitted[:REFINED]]
+        fitted = best_of_each([self._converged(part, one, latest, REFINEMENTS) for one in starts if not is_stopped()])
         if is_stopped():
             return None
         k = part.overdispersion(max(fitted, key=FittedCause.score)) if fitted else 1.0
@@ -512,7 +515,7 @@ class LiveDiagnosis:
 
 
 def best_of_each(fitted: Sequence[FittedCause]) -> list[FittedCause]:
-    """Of several fits of each cause the best."""
+    """Of several fits of each cause the best, by score."""
     found = dict[str, FittedCause]()
     for one in sorted(fitted, key=lambda one: -one.score()):
         found.setdefault(one.cause.name, one)
