@@ -180,6 +180,23 @@ def test_blocks_of_scores_are_sums_over_neighbours():
     assert found.scores == pytest.approx(expected.scores)  # as Huber's slope has it
 
 
+def test_a_long_recording_keeps_few_scores_and_says_the_same():
+    """Neighbours are added up, of white and of correlated residuals alike."""
+    random, count = np.random.default_rng(6), 40_000
+    white = random.normal(size=(1, count))
+    slow = np.cumsum(white, axis=1) - np.roll(np.cumsum(white, axis=1), 15, axis=1)  # sums of 15: correlated over them
+    jacobian = np.array([np.ones((1, count)), np.sin(np.linspace(0.0, 30.0, count))[None]])
+    data = SimpleNamespace(channels=('alpha',), weight=np.ones((1, count)), samples=count)
+    for residuals, time in ((white, 1.0), (slow[:, 15:], 15.0)):
+        linear = LinearizedRun(np.arange(2), residuals, jacobian[..., : residuals.shape[1]])
+        found = information_of(data, linear, False)
+        exact = np.einsum('uck,ck->uk', linear.jacobian, residuals)
+        assert found.together > 20 and found.scores.shape[1] < 1000
+        assert found.scores.sum(axis=1) == pytest.approx(exact.sum(axis=1))
+        kept, whole = long_run(found.scores, time, found.together), long_run(exact, time)
+        assert np.diag(kept) == pytest.approx(np.diag(whole), rel=0.15)
+
+
 def test_correlation_ends_with_the_first_pair_that_is_noise():
     """As Geyer's sum: by hand from the autocovariance, for even and odd counts."""
     random = np.random.default_rng(5)

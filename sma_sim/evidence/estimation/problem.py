@@ -229,19 +229,24 @@ class EvaluationTask:
 
 
 def evaluate(task: EvaluationTask) -> list[Matrix | None]:
-    """Weighted residuals (channels, k) at each point; None where the model cannot be run.
+    """Weighted residuals (channels, k) at each point; None where the model cannot be run."""
+    return reduced_at_points(task, lambda residuals: residuals)
+
+
+def reduced_at_points(task: EvaluationTask, reduce: Callable[[Matrix], Reduced]) -> list[Reduced | None]:
+    """What `reduce` makes of the weighted residuals (channels, k) at each point; None where the model cannot be run.
 
     Points that differ in what sensors show alone share a run.
     """
     alike = defaultdict[Any, list[int]](list)
     for k, (pickled, nuisance) in enumerate(task.points):
         alike[what_runs(pickled.config), nuisance].append(k)
-    found: list[Matrix | None] = [None] * len(task.points)
+    found: list[Reduced | None] = [None] * len(task.points)
     for (_, nuisance), points in alike.items():
         try:
             models = [task.points[k][0].model(task.run.bench, factors=nuisance.factors) for k in points]
             for k, residuals in zip(points, residuals_of_all(models, task.run, nuisance), strict=True):
-                found[k] = residuals if np.isfinite(residuals).all() else None
+                found[k] = reduce(residuals) if np.isfinite(residuals).all() else None
         except SimulationError:
             continue
     return found
@@ -609,7 +614,8 @@ def costs_at(problem: Problem, points: Sequence[Vector], executor: Executor) -> 
 
 def run_costs(task: EvaluationTask, robust: bool) -> list[float]:
     """The cost of one run at each point; inf where the model cannot be run."""
-    return [np.inf if residuals is None else robust_cost(residuals, robust) for residuals in evaluate(task)]
+    costs = reduced_at_points(task, partial(robust_cost, robust=robust))  # residuals of all points would fill the memory
+    return [np.inf if cost is None else cost for cost in costs]
 
 
 def cost_of(problem: Problem, by_run: Sequence[Matrix | None], z: Vector) -> float:

@@ -223,7 +223,7 @@ def fit_data(
         channels=channels,
         time=np.asarray(recording.time, float)[rows],
         measured=np.where(present, measured, 0.0),
-        weight=present / np.array(noise),
+        weight=without_copies(present / np.array(noise)),
         source=source,
         changed=changed,
         interval=interval,
@@ -242,6 +242,12 @@ def fit_data(
         rounded_to=steps_of_powers(source) if recording.rounded_commands else np.zeros(0),
         varied={name: std for name, std in recording.varied.items() if std > 0.0},
     )
+
+
+def without_copies(weight: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The same weights (channels, k), in no more memory than one of each channel where those of all samples are alike."""
+    first = weight[:, :1]
+    return np.broadcast_to(first.copy(), weight.shape) if (weight == first).all() else weight
 
 
 def beginning_stds(structure: Structure) -> Beginning:

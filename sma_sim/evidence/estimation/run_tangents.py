@@ -36,6 +36,7 @@ from sma_sim.solver.work import Work
 # Of solver.rtol, in the runs that give tangents, unless they are a search's, which has them already: tangents keep 3 digits,
 # where a difference of two such runs would be noise.
 LOOSER = {'hybrid': 10.0, 'mas': 3.0}
+ROWS = 4096  # of derivatives that are turned about at once
 EPS = float(np.finfo(float).eps)
 
 
@@ -108,11 +109,14 @@ def linearized_by_tangents(task: TangentTask) -> tuple[Matrix, NDArray[np.float6
         }
     except SimulationError:
         return None
-    tangents = found.tangents.transpose(2, 1, 0)[index].transpose(2, 1, 0)  # as they lie in memory
+    tangents = np.empty((*found.tangents.shape[:2], len(index)))
+    for first in range(0, len(index), ROWS):  # which lie together otherwise, those of two hours in half of all memory
+        tangents[:, :, first : first + ROWS] = found.tangents[:, :, index[first : first + ROWS]]
     if task.delay >= 0:
         tangents[task.delay] = -task.delay_scale * found.slopes[:, index] * (index > 0)
     tangents[list(task.still)] = 0.0
-    jacobian = np.ascontiguousarray(derivatives(run, nuisance, shown, tangents))  # to the same bits from any process
+    del found
+    jacobian = derivatives(run, nuisance, shown, tangents)
     for j, column in beside.items():
         jacobian[j] = column
     steepest = max(float(jacobian.max(initial=0.0)), -float(jacobian.min(initial=0.0)))
@@ -180,9 +184,11 @@ def looser(run: FitData, config: Config) -> float:
 
 
 def derivatives(run: FitData, nuisance: Nuisance, shown: Matrix, tangents: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Derivatives of weighted residuals from those of what is shown: the baseline of a recording moves with that."""
+    """Derivatives of weighted residuals from those of what is shown, in their place: the baseline of a recording moves with
+    that."""
     if not (run.zero_std or nuisance.unknown_zero):
-        return tangents * (run.weight * slopes_of_readings(run, shown) if run.rounding else run.weight)
+        tangents *= run.weight * slopes_of_readings(run, shown) if run.rounding else run.weight
+        return tangents
     here = compared(run, shown, nuisance)
     sides: Sequence[Matrix] = [(compared(run, shown + DELTA * one, nuisance) - here) / DELTA for one in tangents]
     return np.array(sides)

@@ -44,6 +44,7 @@ JACOBIAN_RTOL = 1e-7  # of the simulations whose differences make the Jacobian
 PRIOR_INFORMATION = 1.0  # eigenvalue below which data say less of a direction than its prior
 MIN_COMPONENT = 0.15  # relative to the largest: smaller ones are left out of the sentence on a direction
 MIN_BLOCK, MIN_BLOCKS = 10, 10  # samples of a block; a run has at least so many blocks
+MOST_SCORES = 500  # about so many of a recording are kept: neighbours of a longer one, far fewer than a block, are added up
 GAUSS_95 = 1.959964
 RISES_BY = 0.25  # part of what derivatives say, by which the cost rises at the end of an interval at least: a valley bends
 MAX_DOUBLINGS = 30  # of an interval at whose ends it does not: from rounding to the bounds of a fit
@@ -164,7 +165,8 @@ class RunInformation:
     """What one recording says of its unknowns (n,), without their derivatives, which take more memory.
 
     `by_channel` (channels, n, n): Gauss-Newton Hessians; `overdispersion` (channels,): of the residuals; `scores` (n, k):
-    derivatives of the cost of each instant; `correlation_times`: of the residuals by channel [samples].
+    derivatives of the cost of each `together` neighbouring instants; `correlation_times`: of the residuals by channel
+    [samples].
     """
 
     equations: NormalEquations
@@ -172,18 +174,24 @@ class RunInformation:
     overdispersion: Vector
     scores: Matrix
     correlation_times: Mapping[str, float]
+    together: int = 1
 
 
 def information_of(data: FitData, run: LinearizedRun, robust: bool) -> RunInformation:
     """What a linearized recording says."""
-    weights = robust_weights(run.residuals) if robust else np.ones_like(run.residuals)
-    jacobian, residuals = run.jacobian * weights, run.residuals * weights
+    jacobian, residuals = run.jacobian, run.residuals
+    if robust:
+        weights = robust_weights(residuals)
+        jacobian, residuals = jacobian * weights, residuals * weights
+    scores = np.einsum('uck,ck->uk', jacobian, residuals)
+    together = max(1, scores.shape[1] // MOST_SCORES)
     return RunInformation(
         normal_equations(run, robust),
         np.einsum('uck,vck->cuv', jacobian, jacobian),
         channel_overdispersion(data, residuals, len(run.indices)),
-        np.einsum('uck,ck->uk', jacobian, residuals).astype(np.float32),  # of a campaign they take most of the memory
+        np.add.reduceat(scores, np.arange(0, scores.shape[1], together), axis=1),
         {name: autocorrelation_time(row) for name, row in zip(data.channels, run.residuals, strict=True)},
+        together,
     )
 
 
@@ -198,7 +206,7 @@ def uncertainty(problem: Problem, z: Vector, runs: Sequence[RunInformation]) -> 
         hessian[at] += run.by_channel.sum(axis=0)
         scattered[at] += np.einsum('c,cuv->uv', run.overdispersion, run.by_channel)
         said[at] += np.einsum('c,cuv->uv', 1.0 / run.overdispersion, run.by_channel)
-        scores[at] += long_run(run.scores, max(times.values()))
+        scores[at] += long_run(run.scores, max(times.values()), run.together)
     inverse = inverse_of_precision(hessian)
     covariance = inverse @ scattered @ inverse
     # overdispersion is at least 1, and variances as much as without; rounding may leave less where derivatives explode
@@ -372,11 +380,14 @@ def correlation_times(runs: Sequence[RunInformation]) -> dict[str, float]:
     return found
 
 
-def long_run(scores: Matrix, time: float) -> Matrix:
-    """Long-run covariance of scores (n, k): Bartlett's kernel, as sums over overlapping blocks (Newey, West)."""
+def long_run(scores: Matrix, time: float, together: int = 1) -> Matrix:
+    """Long-run covariance of scores (n, k): Bartlett's kernel, as sums over overlapping blocks (Newey, West).
+
+    `time` [samples] is that of the correlation; each score is the sum of so many samples `together`.
+    """
     k = scores.shape[1]
-    block = int(np.clip(4.0 * time, MIN_BLOCK, max(k // MIN_BLOCKS, 1)))
-    padded = np.concatenate([np.zeros((len(scores), block)), np.cumsum(scores, axis=1, dtype=float)], axis=1)
+    block = int(np.clip(4.0 * time / together, max(MIN_BLOCK / together, 1.0), max(k // MIN_BLOCKS, 1)))
+    padded = np.concatenate([np.zeros((len(scores), block)), np.cumsum(scores, axis=1)], axis=1)
     ends = np.concatenate([padded, np.repeat(padded[:, -1:], block, axis=1)], axis=1)
     sums = ends[:, block:] - ends[:, :-block]
     found: Matrix = sums @ sums.T / block
