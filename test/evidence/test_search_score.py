@@ -21,7 +21,7 @@ from sma_sim.evidence.estimation.calibrate import problem_for
 from sma_sim.evidence.estimation.executors import executor_or_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.free_parameters import choose_free
-from sma_sim.evidence.estimation.problem import LinearizedRun, normal_equations, start_point
+from sma_sim.evidence.estimation.problem import LinearizedRun, NormalEquations, normal_equations, start_point
 from sma_sim.evidence.estimation.recording_differences import zeros_of
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import Probe, candidates_for, with_effect
@@ -51,6 +51,17 @@ def evidence_at_end(z, parts, log_prior, unlisted=0.0):
     unbounded = np.full(len(z), inf)
     zeros = (np.zeros(0),) * len(parts)
     return Evidence(z, -unbounded, unbounded, np.ones(len(z)), parts, zeros, log_prior, 1.0, unlisted)
+
+
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize('size', [1.0, 1e100, 1e203])
+def test_derivatives_that_promise_more_than_there_is_put_a_model_last(size):
+    """In silence: those of a model that has overflowed could promise anything."""
+    z, jacobian = np.zeros(3), np.random.default_rng(0).normal(size=(3, 4))
+    gradient, hessian = jacobian @ np.ones(4), jacobian @ jacobian.T
+    parts = tuple(NormalEquations(np.arange(3), 2.0, pull * gradient, hessian) for pull in (1.0, size))
+    bounded = replace(evidence_at_end(z, parts, 0.0), low=np.full(3, -5.0), high=np.full(3, 5.0))
+    assert (bounded.score(1.0) == -inf) == (size > 1.0)
 
 
 class LinearProblem:

@@ -223,7 +223,7 @@ def test_repeated_commands_are_no_fault(runs):
 
         assert copied(first, second, third, again) == []
         for side in (1, -1):
-            shown = predict(config('hybrid'), replace(first, unpowered_side=side))
+            shown = predict(robot(), replace(first, unpowered_side=side))
             lost = replace(again, channels={name: shown[name] for name in first.channels})
             assert copied(first, second, lost) == []
         assert [one.recordings for one in copied(first, second, replace(third, source=first.source))] == [('run3', 'run1')]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from math import log
 
 import numpy as np
 
@@ -22,14 +23,36 @@ STILL = 0.3  # of the noise, by which what the model shows differs from its mean
 
 
 def noise_at_rest(problem: Problem, residuals: Sequence[Matrix]) -> dict[str, NoiseProcess]:
-    """By channel whose noise at rest is correlated as a filter leaves it, its process; `residuals` (channels, k) by run."""
+    """By channel whose noise at rest is correlated as a filter leaves it, its process; `residuals` (channels, k) by run.
+
+    Not of a channel that fluctuates as others do: a robot that moves where its model rests shows in several.
+    """
     stretches = dict[tuple[str, float, int], list[Vector]]()
+    together = dict[str, list[Matrix]]()
     for run, left in zip(problem.runs, residuals, strict=True):
-        for name, rests in at_rest(run, left).items():
-            stretches.setdefault((name, *pace(run)), []).extend(rests)
+        rests = at_rest(run, left)
+        for name, own in rests.items():
+            stretches.setdefault((name, *pace(run)), []).extend(own)
+            others = [rests[other] for other in rests if other != name]
+            together.setdefault(name, []).extend(np.array(rows) for rows in zip(own, *others, strict=True))
     longest = sorted(stretches, key=lambda one: sum(map(len, stretches[one])))  # of runs at several rates that of most rest
     found = {name: process_of(stretches[name, interval, rows], interval, rows) for name, interval, rows in longest}
-    return {name: one for name, one in found.items() if one is not None and one.is_low_pass}
+    low_pass = {name: one for name, one in found.items() if one is not None and one.is_low_pass}
+    return {name: one for name, one in low_pass.items() if not is_shared(together[name], one)}
+
+
+def is_shared(stretches: Sequence[Matrix], process: NoiseProcess) -> bool:
+    """Whether the first of the channels (channels, k) of some stretches follows from the others, by the criterion of Schwarz
+    (1978); samples are as many as the memory of its process leaves independent."""
+    left = whole = explained = count = 0.0
+    for first, *others in stretches:
+        if others:
+            basis = np.transpose(others)
+            rest = first - basis @ np.linalg.lstsq(basis, first)[0]
+            independent = len(first) * process.std**2 / process.at_zero
+            left, whole = left + float(rest @ rest), whole + float(first @ first)
+            explained, count = explained + len(others) * log(max(independent, 1.0)), count + independent
+    return whole > 0.0 and count * log(max(left, 1e-300) / whole) + explained < 0.0
 
 
 def with_noise_of(problem: Problem, processes: dict[str, NoiseProcess]) -> Problem:

@@ -3,8 +3,8 @@
 By expectation propagation (Minka 2001): the bounds of every unknown are replaced by a normal factor that leaves it the mean
 and the variance which it has between them while all others are normal. For boxes it is exact where no two unknowns are
 correlated, and good to some hundredths of a nat else (Cunningham, Hennig and Lacoste-Julien 2011). All is kept as slopes and
-precisions about a point within the bounds: where data pull far beyond bounds, the normal density without these has neither a
-mean nor a height that a number could hold.
+precisions about the highest point within the bounds: where data pull far beyond these, the normal density without them has
+neither a mean nor a height that a number could hold, and rounds that begin elsewhere swing.
 """
 
 from __future__ import annotations
@@ -12,14 +12,16 @@ from __future__ import annotations
 from math import inf
 
 import numpy as np
+from scipy.linalg import LinAlgError
 
+from sma_sim.evidence.estimation.levenberg_marquardt import bounded_step
 from sma_sim.model.arrays import Matrix, Vector
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(48)  # to 1e-9 of densities that fall by DEPTH
 DEPTH = 40.0  # nats below the largest density beyond which nothing is left
 EVEN = 12.0  # squares of its width over the variance of an even density, with which the rounds begin
 KEPT = 0.3  # of the factors from the last round, which keeps rounds from swinging
-ROUNDS, EXACT = 60, 1e-3  # rounds at most, and nats between two of them that end it
+ROUNDS, EXACT = 200, 1e-3  # rounds at most, and nats between two of them that end it
 ROUNDING = 1e-15  # of a precision, by unknown: without it one of unknowns that data hardly tell apart may not be positive
 SMALLEST = 1e-12  # of a precision, below which the difference of two is rounding error
 
@@ -31,18 +33,30 @@ def log_bounded_integral(slope: Vector, precision: Matrix, low: Vector, high: Ve
     hard that no number holds the heights.
     """
     with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
-        total = _by_expectation_propagation(slope, precision, low, high)
+        size = 1.0 / np.sqrt(
+            np.diag(precision)
+        )  # a unit of each in which rounding errors are small, however steep a model is
+        slope, low, high = size * slope, low / size, high / size
+        precision = np.outer(size, size) * precision + ROUNDING * len(low) * np.eye(len(low))
+        try:
+            top = bounded_step(slope, precision, 0.0, low, high)
+        except (LinAlgError, ValueError):  # of numbers that are none
+            return -inf
+        height = -float(slope @ top + 0.5 * top @ precision @ top)
+        about = _by_expectation_propagation(slope + precision @ top, precision, low - top, high - top)
+        total = height + about + float(np.log(size).sum())
     return total if np.isfinite(total) else -inf
 
 
 def _by_expectation_propagation(slope: Vector, precision: Matrix, low: Vector, high: Vector) -> float:
-    """The same, or not a number."""
-    size = 1.0 / np.sqrt(np.diag(precision))  # a unit of each in which rounding errors are small, however steep a model is
-    slope, low, high = size * slope, low / size, high / size
-    precision = np.outer(size, size) * precision + ROUNDING * len(low) * np.eye(len(low))
-    width = high - low
-    factor = EVEN / width**2
-    pull = 0.5 * factor * np.where(np.isfinite(width), [low, high], 0.0).sum(axis=0)
+    """The same about the highest point, with a precision of diagonal 1; or not a number.
+
+    Factors begin as those of densities that are even, or fall from a bound as this one does.
+    """
+    width, held = high - low, (low == 0.0) | (high == 0.0)
+    even, falling = EVEN / width**2, np.where(held, slope**2, 0.0)
+    factor = np.maximum(even, falling)
+    pull = np.where(falling > even, 2.0 * slope, 0.5 * even * np.where(np.isfinite(width), low + high, 0.0))
     total, before, rounds = inf, -inf, 0
     while abs(total - before) > EXACT and rounds < ROUNDS:
         precisions, axes = np.linalg.eigh(precision + np.diag(factor))
@@ -59,7 +73,7 @@ def _by_expectation_propagation(slope: Vector, precision: Matrix, low: Vector, h
         pull = KEPT * pull + (1.0 - KEPT) * (means * (needed + others) - towards)
         factor = KEPT * factor + (1.0 - KEPT) * needed
         rounds += 1
-    return total + float(np.log(size).sum())
+    return min(total, -0.5 * float(np.linalg.slogdet(precision)[1]))  # no bounds leave more
 
 
 def between_bounds(slope: Vector, precision: Vector, low: Vector, high: Vector) -> tuple[Vector, Vector, Vector]:

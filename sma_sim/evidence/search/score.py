@@ -47,6 +47,7 @@ UNLISTED = 2.0
 """Further nats against what no list has: of what has been found missing in such robots, most is known by name."""
 TAIL = 0.1  # of a realistic range: literature is not sharper, and robots differ
 EVEN_PRECISION = 1e-6  # of a normal prior that stands for an even one: its bounds are a thousandth of its width apart
+ROUNDING = 1e-6  # of squares, by which what derivatives promise of them is wrong at most
 AMPLITUDES = np.geomspace(0.1, 1000.0, 17)  # of an unlisted function, in units of the noise
 PERIODS = (2.0, 5.0, 12.0, 30.0, 80.0)  # parts of the length of a run after which it has changed
 
@@ -86,7 +87,8 @@ class Evidence:
         return self._log_posterior(k, ()) - self._log_posterior(k, runs)
 
     def _log_posterior(self, k: float, left_out: Collection[int]) -> float:
-        """The integral of the Gaussian about the optimum, as far as it lies within bounds."""
+        """The integral of the Gaussian about the optimum, as far as it lies within bounds; -inf of derivatives that promise
+        more than there are squares: those of a model that has overflowed do."""
         weight, kept = 1.0 / k**2, [run for run in range(len(self.parts)) if run not in left_out]
         squares, gradient, hessian = self._sums(kept)
         profiled = sum(float(np.log1p(weight * self.profiled[run]).sum()) for run in kept)
@@ -96,6 +98,9 @@ class Evidence:
         low, high = self.low[varied] - self.z[varied], self.high[varied] - self.z[varied]
         inside = log_bounded_integral(slope[varied], total[np.ix_(varied, varied)], low, high)
         at_end = -0.5 * weight * squares - 0.5 * float(self.z @ (self.precision * self.z))
+        most = -at_end - 0.5 * float(np.log(self.precision[varied]).sum())
+        if inside > most + ROUNDING * abs(at_end) + 1.0:
+            return -inf
         return at_end - 0.5 * profiled + inside + self.log_prior
 
     def gain(self, k: float) -> float:

@@ -203,7 +203,7 @@ def wrong_columns(
     """
     if config.structure.is_quasi_static:
         return ()
-    copied, steps, problem = copied_commands(as_they_are, context), list[Step](), as_they_are
+    steps, problem = list[Step](), as_they_are
     while len(steps) < MAX_FAULTS and not context.stop.is_set():
         proposals = proposed(problem, start_point(problem), context)
         step = best_step(problem, proposals, context) if proposals else None
@@ -217,15 +217,10 @@ def wrong_columns(
         steps.clear()
     while steps and not steps[-1].leaves_noise and may_be_an_effect(steps[-1], context):
         steps.pop()
-    if not (copied or steps):
-        return ()
     found = [step.fault for step in steps]
     problem = thinned(dataset, config, options, found)
-    if copied:
-        unexplained = are_unexplained(problem, context)
-        if still := tuple(fault for fault in copied if unexplained[fault.recordings[0]]):
-            return still
-    return told_apart(found, symmetries(problem)) if found else ()
+    copied = copied_commands(problem, context)
+    return tuple(copied) or (told_apart(found, symmetries(problem)) if found else ())
 
 
 def thinned(dataset: Dataset, config: Config, options: FitOptions, faults: Sequence[Fault] = ()) -> Problem:
@@ -409,16 +404,25 @@ def may_be_an_effect(step: Step, context: SearchContext) -> bool:
     """Whether one listed effect, or one difference between recordings, explains the recordings as they are as well.
 
     It is not asked where the nominal model of the recordings without the fault leaves noise only: no effect takes the place
-    of a sign to the last digit.
+    of a sign to the last digit. Where one does as well, since something is hidden beside the fault, one more on either side
+    tells them apart.
     """
     if step.before is None:
         return False
     context.on_progress(f'the set-up: may an effect look as if {step.fault.words}?')
-    base = step.before.fit
+    rivals = with_one_more(step.before, context)
+    if not explain_as_well(rivals, step.after, step.log_prior):
+        return False
+    after = with_one_more(step.after, context)
+    return not after or explain_as_well([*rivals, *with_one_more(rivals[0], context)], after[0], step.log_prior)
+
+
+def with_one_more(model: Model, context: SearchContext) -> list[Model]:
+    """A model with one more listed effect, or difference between recordings: those that promise most, the best first."""
+    base = model.fit
     listed = propose.listed(ScoreTests(base.problem, base.z, context.pool), catalogue_for(base, context), ())[:SKETCHED]
     components = [one.component for one in (*listed, *propose.differing(base, (), context))]
-    rivals = extended(step.before, components, context) if components else []
-    return explain_as_well(rivals, step.after, step.log_prior)
+    return extended(model, components, context) if components else []
 
 
 def explain_as_well(models: Sequence[Model], after: Model, log_prior: float) -> bool:
@@ -479,17 +483,49 @@ def gain(run: FitData, rows: Rows, other: FitData, of_other: Rows) -> float:
 
 
 def copied_commands(problem: Problem, context: SearchContext) -> list[Fault]:
-    """The recordings whose command another one has too, which the model explains by it, whereas it does not explain them.
+    """The recording that has the command of another one, its own being lost: without it the model explains the rest, in
+    place of which each of its channels shows something of its own. Not of those that repeat the other one.
 
-    Not those that show what the other one does: they repeat it.
+    A wire that gets no power there, an effect or another difference between recordings explain as much where they do.
     """
     pairs = [(a, b) for a, b in permutations(problem.runs, 2) if has_same_command(a.source, b.source) and not repeats(a, b)]
-    if not pairs:
+    others, found = {wrong.name: other.name for wrong, other in reversed(pairs)}, list[tuple[FitData, Step]]()
+    for wrong in (run for run in problem.runs if run.name in others):
+        commands, log_prior = problem.config.structure.commands, -SPARSITY - log(len(others))
+        fault = Fault('copied_command', commands, recordings=(wrong.name, others[wrong.name]), corrected=False)
+        context.on_progress(f'the set-up: is it that {fault.words}?')
+        after = fitted(replace(problem, runs=tuple(run for run in problem.runs if run is not wrong)), context)
+        before = fitted(with_least_power(problem, wrong, context), context)
+        found += [] if after is None else [(wrong, Step(fault, log_prior, before, after))]
+    if not found or context.stop.is_set():
         return []
-    unexplained = are_unexplained(problem, context)
-    whose = {a.name: b.name for a, b in pairs if unexplained[a.name] and not unexplained[b.name]}
-    commands = problem.config.structure.commands
-    return [Fault('copied_command', commands, recordings=pair, corrected=False) for pair in whose.items()]
+    models = [model for _, step in found for model in (step.before, step.after) if model is not None]
+    k = min(model.evidence.overdispersion for model in models)
+    steps = [replace(step, log_prior=step.log_prior + log_density_of_unknown(wrong, k)) for wrong, step in found]
+    best = max(steps, key=lambda step: step.after.score(k) + step.log_prior)
+    as_they_are = [step.before for step in steps if step.before is not None]
+    is_clear = not explain_as_well(as_they_are, best.after, best.log_prior) and not may_be_an_effect(best, context)
+    return [best.fault] if is_clear else []
+
+
+def with_least_power(problem: Problem, run: FitData, context: SearchContext) -> Problem:
+    """The problem in which a run has that power, of both wires or of one alone, beside which the model explains most."""
+    sides = [problem]
+    for side in (1, -1):
+        own = replace(run, unpowered_side=side)
+        sides.append(replace(problem, runs=tuple(own if one is run else one for one in problem.runs)))
+    at = problem.runs.index(run)
+    shown = [residuals_at(one, start_point(one), context.pool)[at] for one in sides]
+    squares = [inf if rows is None else float(np.vdot(rows, rows)) for rows in shown]
+    return sides[int(np.argmin(squares))]
+
+
+def log_density_of_unknown(run: FitData, k: float) -> float:
+    """The log density of a run of which no model is known, under an overdispersion k and up to the constant of scores: of a
+    smooth function of time in each of its channels."""
+    known = [row[weight > 0.0] for row, weight in zip(run.measured * run.weight / k, run.weight, strict=True)]
+    rows = [row - row.mean() for row in known if len(row)]
+    return sum(unlisted_evidence([row[None, :]]) - 0.5 * float(row @ row) for row in rows)
 
 
 def has_same_command(source: Input, other: Input) -> bool:
@@ -515,17 +551,6 @@ def repeats(run: FitData, other: FitData) -> bool:
         else:
             rows[k] = run.weight[k] * run.measured[k]
     return moving(run, rows) < HALF * moving(run, run.measured * run.weight)
-
-
-def are_unexplained(problem: Problem, context: SearchContext) -> dict[str, bool]:
-    """By run, whether the model explains less than half of what moves in it, also if a wire got no power."""
-    z, left = start_point(problem), dict.fromkeys((run.name for run in problem.runs), np.inf)
-    for side in (0, 1, -1):
-        runs = tuple(replace(run, unpowered_side=side) if side else run for run in problem.runs)
-        for run, rows in zip(runs, residuals_at(replace(problem, runs=runs), z, context.pool), strict=True):
-            if rows is not None:
-                left[run.name] = min(left[run.name], moving(run, rows))
-    return {run.name: left[run.name] > HALF * moving(run, run.measured * run.weight) for run in problem.runs}
 
 
 def moving(run: FitData, rows: Rows) -> float:
