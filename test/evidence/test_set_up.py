@@ -30,12 +30,12 @@ from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.set_up.check import (
     Step,
-    copied_commands,
     exchanged_commands,
     faults_before_fits,
     fitted,
     is_robot,
     isolated,
+    lost_command,
     outliers,
     repeats,
     symmetries,
@@ -219,14 +219,14 @@ def test_repeated_commands_are_no_fault(runs):
         context = SearchContext(pool, Event())
 
         def copied(*recordings):
-            return copied_commands(thinned(replace(runs, recordings=recordings), config('hybrid'), OPTIONS), context)
+            return lost_command(thinned(replace(runs, recordings=recordings), config('hybrid'), OPTIONS), context)
 
-        assert copied(first, second, third, again) == []
+        assert copied(first, second, third, again) is None
         for side in (1, -1):
             shown = predict(robot(), replace(first, unpowered_side=side))
             lost = replace(again, channels={name: shown[name] for name in first.channels})
-            assert copied(first, second, lost) == []
-        assert [one.recordings for one in copied(first, second, replace(third, source=first.source))] == [('run3', 'run1')]
+            assert copied(first, second, lost) is None
+        assert copied(first, second, replace(third, source=first.source)).fault.recordings == ('run3', 'run1')
 
 
 @pytest.mark.slow

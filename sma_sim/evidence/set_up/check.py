@@ -217,10 +217,15 @@ def wrong_columns(
         steps.clear()
     while steps and not steps[-1].leaves_noise and may_be_an_effect(steps[-1], context):
         steps.pop()
+    lost = lost_command(as_they_are, context)
+    if lost is not None and not (steps and explain_as_well([steps[-1].after], lost.after, lost.log_prior)):
+        return (lost.fault,)
     found = [step.fault for step in steps]
     problem = thinned(dataset, config, options, found)
-    copied = copied_commands(problem, context)
-    return tuple(copied) or (told_apart(found, symmetries(problem)) if found else ())
+    lost = lost_command(problem, context) if steps else None
+    if lost is not None:
+        return (lost.fault,)
+    return told_apart(found, symmetries(problem)) if found else ()
 
 
 def thinned(dataset: Dataset, config: Config, options: FitOptions, faults: Sequence[Fault] = ()) -> Problem:
@@ -482,11 +487,11 @@ def gain(run: FitData, rows: Rows, other: FitData, of_other: Rows) -> float:
     return found
 
 
-def copied_commands(problem: Problem, context: SearchContext) -> list[Fault]:
-    """The recording that has the command of another one, its own being lost: without it the model explains the rest, in
-    place of which each of its channels shows something of its own. Not of those that repeat the other one.
+def lost_command(problem: Problem, context: SearchContext) -> Step | None:
+    """That a recording has the command of another one, its own being lost: without it the model explains the rest, in place
+    of which each of its channels shows something of its own. Not of those that repeat the other one.
 
-    A wire that gets no power there, an effect or another difference between recordings explain as much where they do.
+    None where a wire that gets no power there, an effect or another difference between recordings explain as much.
     """
     pairs = [(a, b) for a, b in permutations(problem.runs, 2) if has_same_command(a.source, b.source) and not repeats(a, b)]
     others, found = {wrong.name: other.name for wrong, other in reversed(pairs)}, list[tuple[FitData, Step]]()
@@ -495,17 +500,21 @@ def copied_commands(problem: Problem, context: SearchContext) -> list[Fault]:
         fault = Fault('copied_command', commands, recordings=(wrong.name, others[wrong.name]), corrected=False)
         context.on_progress(f'the set-up: is it that {fault.words}?')
         after = fitted(replace(problem, runs=tuple(run for run in problem.runs if run is not wrong)), context)
-        before = fitted(with_least_power(problem, wrong, context), context)
-        found += [] if after is None else [(wrong, Step(fault, log_prior, before, after))]
+        if after is None:
+            continue
+        k = after.evidence.overdispersion
+        target = after.fit.cost - k**2 * (log_density_of_unknown(wrong, k) + log_prior)
+        before = fitted_as_it_is(with_least_power(problem, wrong, context), context, target, after.fit.squares)
+        found.append((wrong, Step(fault, log_prior, before, after)))
     if not found or context.stop.is_set():
-        return []
+        return None
     models = [model for _, step in found for model in (step.before, step.after) if model is not None]
     k = min(model.evidence.overdispersion for model in models)
     steps = [replace(step, log_prior=step.log_prior + log_density_of_unknown(wrong, k)) for wrong, step in found]
     best = max(steps, key=lambda step: step.after.score(k) + step.log_prior)
     as_they_are = [step.before for step in steps if step.before is not None]
-    is_clear = not explain_as_well(as_they_are, best.after, best.log_prior) and not may_be_an_effect(best, context)
-    return [best.fault] if is_clear else []
+    is_clear = not (as_they_are and explain_as_well(as_they_are, best.after, best.log_prior))
+    return best if is_clear and not may_be_an_effect(best, context) else None
 
 
 def with_least_power(problem: Problem, run: FitData, context: SearchContext) -> Problem:
