@@ -166,8 +166,9 @@ def test_many_sampled_changes_share_one_fraction():
 def test_offsets_are_least_squares_under_their_priors_and_no_more_than_twice_these():
     """Of each channel a zero and a drift, beside what is shown; missing samples do not count."""
     random, run = np.random.default_rng(4), module_run()
-    run.weight[0, 20:50] = 0.0
-    run = replace(run, zero_std=(0.3, 5.0), drift_std=(0.0, 2.0))
+    weight = run.weight.copy()
+    weight[0, 20:50] = 0.0
+    run = replace(run, weight=weight, zero_std=(0.3, 5.0), drift_std=(0.0, 2.0))
     shown = run.measured + random.normal(size=run.measured.shape) / np.where(run.weight > 0, run.weight, 1.0)
     shown -= np.array([[0.2], [1.0]]) + np.array([[0.0], [1.5]]) * (TIMES - 4.0) / 4.0
     found = offsets(run, shown)
@@ -188,7 +189,7 @@ def test_offsets_are_least_squares_under_their_priors_and_no_more_than_twice_the
 
 def test_a_gauges_zero_is_the_mean_difference_within_its_limit():
     run = module_run()
-    run = replace(run, channels=('strain', 'F_1'))
+    run = replace(run, channels=('strain', 'F_1'), weight=run.weight.copy())
     run.weight[0, :40] = 0.0
     for offset in (0.4e-3, 5e-3, -5e-3):
         shown = run.measured[0] - offset - 1e-4 * np.sin(np.arange(81.0))
