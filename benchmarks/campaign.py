@@ -7,7 +7,8 @@ Recordings of the module have five channels at 50 Hz: 100 s with 10 random steps
 with 720. Each is fitted with the parameters that are free by default, from one start, with intervals, in a process of its
 own. `data`: what the recordings take; `beyond`: the most that the process took while it fitted, less what it took with the
 recordings read. On a cluster of two workers with a thread each the same fit is made once more: `useful` is the processor
-time of the fit in one thread over that of all processes of the cluster and its client.
+time of the fit in one thread over that of all processes of the cluster and its client. `apart`: the same of two processes
+at once that have nothing to do with each other, which is what the processors of a machine leave of two at best.
 """
 
 from __future__ import annotations
@@ -141,8 +142,13 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
     rows = {f'{count} recordings of 100 s': apart(count, 'threads') for count in counts}
     rows[f'one of {HOURS:g} h'] = apart(0, 'threads')
     kinds = {kind: apart(counts[1], kind) for kind in KINDS[1:]}
-    useful = kinds['one thread']['processor_s'] / kinds['cluster']['processor_s']
-    return {'a fit': rows, f'{counts[1]} recordings': kinds, 'cluster': {'useful': useful}}
+    with ThreadPoolExecutor(2) as both:
+        kinds['two apart'] = max(both.map(apart, [counts[1]] * 2, [KINDS[1]] * 2), key=lambda one: float(one['processor_s']))
+    shares = {
+        name: kinds['one thread']['processor_s'] / kinds[kind]['processor_s']
+        for name, kind in (('useful', 'cluster'), ('apart', 'two apart'))
+    }
+    return {'a fit': rows, f'{counts[1]} recordings': kinds, 'cluster': shares}
 
 
 if __name__ == '__main__':

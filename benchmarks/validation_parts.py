@@ -531,11 +531,13 @@ PARTS = (
         text='Fits of recordings of 100 s with five channels at 50 Hz and 10 random steps each, and of one of two hours: '
         'the parameters that are free by default, one start, intervals. `data`: what recordings take, `beyond`: the most '
         'that the process takes beside them; on a cluster of two workers, `useful` is the processor time of the fit in one '
-        'thread over that of all its processes.',
+        'thread over that of all its processes; `apart`, over that of one of two which run at once and have nothing to do '
+        'with each other, as much as the processors of this machine leave of two at best.',
         subject=FITS,
         headline=lambda r: (
             f'{span([row["processor_s"] / row["data_MB"] for row in r["a fit"].values()], " s")} for each MB of recordings, '
-            f'{100.0 * r["cluster"]["useful"]:.0f} % of a cluster useful'
+            f'{100.0 * r["cluster"]["useful"]:.0f} % of a cluster useful ({100.0 * r["cluster"]["apart"]:.0f} % of '
+            'processes that share nothing)'
         ),
         whole=200,
     ),
