@@ -18,17 +18,18 @@ class Client:
     def nthreads(self):
         return {'one': 1, 'two': 1}
 
-    def scatter(self, arrays, workers, hash):
-        self.put.append((workers, [array.copy() for array in arrays]))
-        return self.put[-1][1]
+    def scatter(self, pieces, workers, hash):
+        (arrays,) = pieces
+        self.put.append((workers, {number: array.copy() for number, array in arrays.items()}))
+        return [self.put[-1][1]]
 
     def get_executor(self, pure):
         return self
 
-    def submit(self, work, task, *arrays):
+    def submit(self, work, task, arrays):
         self.sent.append((len(task), len(arrays)))
         found = Future()
-        found.set_result(work(task, *arrays))
+        found.set_result(work(task, arrays))
         return found
 
     def shutdown(self, wait, cancel_futures):
@@ -52,8 +53,8 @@ def test_an_array_is_put_on_a_worker_when_it_is_sent_again():
 
 
 def test_a_cluster_gets_several_tasks_together():
-    """So few that each worker has four parts, and never many."""
-    for tasks, parts in ((3, 3), (24, 8), (23, 12), (200, 25)):
+    """So few that each worker has two parts, and never many."""
+    for tasks, parts in ((3, 3), (24, 4), (23, 4), (200, 13)):
         client = Client()
         assert list(in_turn(DaskExecutor(client), abs, range(-tasks, 0))) == list(range(tasks, 0, -1))
         assert len(client.sent) == parts
@@ -68,6 +69,17 @@ def test_an_array_that_takes_the_place_of_another_is_sent_itself():
         del array
     executor.shutdown()
     assert not client.sent
+
+
+def test_arrays_that_are_gone_are_not_kept():
+    """Nor what tasks had together with them: the next array may have their number."""
+    client, kept = Client(), np.full(LARGE, 1.0)
+    executor = DaskExecutor(client)
+    for k in range(20):
+        other = np.full(LARGE, float(k))
+        assert [executor.submit(np.vdot, kept, other).result() for _ in range(3)] == [k * LARGE] * 3
+        del other
+    assert set(executor._put) == {frozenset([id(kept)])} and set(executor._sent) == {id(kept)}
 
 
 def test_tasks_may_come_from_any_thread():

@@ -21,6 +21,7 @@ from sma_sim.evidence.estimation.plausibility import (
 from sma_sim.evidence.estimation.problem import LinearizedRun
 from sma_sim.evidence.estimation.run_estimates import (
     WEAK,
+    Optimum,
     OwnValues,
     ReducedRun,
     cochran,
@@ -242,7 +243,7 @@ def test_a_recordings_own_unknowns_are_eliminated():
         step[:keep] = -np.linalg.solve(H[:keep, :keep] + prior, g[:keep] + np.append(np.zeros(3), at[3:keep]))
         left = linear.residuals + np.tensordot(step, linear.jacobian, 1)
         noise = score_overdispersion(problem.runs[0], left, keep, False)
-        found = reduced_run(problem, at, problem.runs[0], linear)
+        found = reduced_run(Optimum.of(problem, at), problem.runs[0], linear)
         assert found.information == pytest.approx(information / noise, rel=1e-5)
         assert found.gradient == pytest.approx(gradient / noise, rel=1e-5)
 

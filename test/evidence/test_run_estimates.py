@@ -13,6 +13,7 @@ from sma_sim.evidence.estimation.calibrate import problem_for
 from sma_sim.evidence.estimation.homogeneity import cochran_p
 from sma_sim.evidence.estimation.problem import linearize
 from sma_sim.evidence.estimation.run_estimates import (
+    Optimum,
     ParameterByRun,
     RunEstimate,
     cochran,
@@ -57,7 +58,9 @@ def refitted(z, linear, residuals):
 
 
 def estimates_of(problem, z, linear):
-    return estimates_by_run(problem, z, [reduced_run(problem, z, *pair) for pair in zip(problem.runs, linear, strict=False)])
+    return estimates_by_run(
+        problem, z, [reduced_run(Optimum.of(problem, z), *pair) for pair in zip(problem.runs, linear, strict=False)]
+    )
 
 
 def test_equal_recordings_agree_at_the_nominal_level(linear):

@@ -12,7 +12,7 @@ from sma_sim.evidence.estimation import uncertainty
 from sma_sim.evidence.estimation.free_parameters import FreeParameter, choose_free
 from sma_sim.evidence.estimation.overdispersion import autocorrelation_time
 from sma_sim.evidence.estimation.plausibility import reported_covariance
-from sma_sim.evidence.estimation.problem import linearized_in_turn
+from sma_sim.evidence.estimation.problem import reduced_in_turn
 from sma_sim.evidence.estimation.run_estimates import ReducedRun
 from sma_sim.evidence.estimation.uncertainty import JACOBIAN_RTOL, RunInformation, interval, long_run, unidentified
 from sma_sim.solver.simulate import SimulationError
@@ -75,9 +75,9 @@ def test_intervals_of_a_model_that_runs_at_the_tolerance_of_the_fit_only(monkeyp
     def stopping(problem, *words, **more):
         if problem.config.parameters['solver.rtol'] == JACOBIAN_RTOL:
             raise SimulationError('the beam is unstable')
-        return linearized_in_turn(problem, *words, **more)
+        return reduced_in_turn(problem, *words, **more)
 
-    monkeypatch.setattr(uncertainty, 'linearized_in_turn', stopping)
+    monkeypatch.setattr(uncertainty, 'reduced_in_turn', stopping)
     (found,) = calibrate(data, config(), options).uncertainty.intervals
     assert found.std != known.std and found.std == pytest.approx(known.std, rel=0.02)
 

@@ -49,7 +49,7 @@ from sma_sim.evidence.estimation.problem import (
     start_point,
 )
 from sma_sim.evidence.estimation.residuals import ZERO_STDS, FitData, fit_data, hidden_rtol, leeway_for
-from sma_sim.evidence.estimation.run_estimates import ParameterByRun, ReducedRun, estimates_by_run, reduced_run
+from sma_sim.evidence.estimation.run_estimates import Optimum, ParameterByRun, ReducedRun, estimates_by_run, reduced_run
 from sma_sim.evidence.estimation.run_subset import on_all_runs, run_subset
 from sma_sim.evidence.estimation.run_tangents import LOOSER, has_tangents
 from sma_sim.evidence.estimation.search_context import OnIteration, SearchContext, iteration_words, silent
@@ -505,7 +505,8 @@ def final_calibration(dataset: Dataset, fit: FitResult, options: FitOptions, con
     found = calibration_of(last, context)
     known, covariance, by_run = None, None, tuple[ParameterByRun, ...]()
     if options.intervals and not context.stop.is_set():
-        job = partial(reduced_runs, last.problem, last.z, context.pool, partial(information_and_reduced, last))
+        reduce = partial(information_and_reduced, Optimum.of(last.problem, last.z))
+        job = partial(reduced_runs, last.problem, last.z, context.pool, reduce)
         (reduced,) = run_in_threads([job], context.stop)
         informations = [information for information, _ in reduced]
         known = uncertainty(last.problem, last.z, informations)
@@ -538,9 +539,9 @@ def checked_nearby(
     return checked_by_runs(known, nearby, fit.z, informations, pool)
 
 
-def information_and_reduced(fit: FitResult, data: FitData, run: LinearizedRun) -> tuple[RunInformation, ReducedRun]:
+def information_and_reduced(at: Optimum, data: FitData, run: LinearizedRun) -> tuple[RunInformation, ReducedRun]:
     """What intervals and the estimates of single recordings need of one, linearized at the optimum of a fit."""
-    return information_of(data, run, fit.problem.robust), reduced_run(fit.problem, fit.z, data, run)
+    return information_of(data, run, at.robust), reduced_run(at, data, run)
 
 
 def with_starts(config: Config, fits: tuple[RunFit, ...]) -> Config:

@@ -24,8 +24,8 @@ Result = TypeVar('Result')
 Task = TypeVar('Task')
 Factors = tuple[tuple[str, float], ...]  # by parameter
 # Parts of a campaign that a worker of a cluster gets, so that none waits long for another in the end; and the most
-# recordings of one, whose derivatives may come back
-PARTS, MOST_TOGETHER = 4, 8
+# recordings of one, which is a large message when it is sent for the first time
+PARTS, MOST_TOGETHER = 2, 16
 RECENT = 256  # configurations that a worker keeps: those of a point, beside it, and at both ends of all intervals
 
 
@@ -86,11 +86,11 @@ def workers_of(executor: Executor) -> int:
 def in_turn(executor: Executor, work: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Result]:
     """What `work` makes of each task, in their order, where only some more than the workers have are under way at once.
 
-    So results that are reduced as they come do not fill the memory, however many tasks there are. A cluster gets several
-    tasks together, each time it costs milliseconds, but so few that every worker has PARTS of such parts.
+    So results that are reduced as they come do not fill the memory, however many tasks there are. A cluster, which takes
+    milliseconds each time, gets several tasks together: so few that every worker has PARTS of such parts.
     """
     under_way, workers = deque[Future[list[Result]]](), workers_of(executor)
-    size = min(max(1, len(tasks) // (PARTS * workers)), MOST_TOGETHER) if is_cluster(executor) else 1
+    size = min(max(1, -(-len(tasks) // (PARTS * workers))), MOST_TOGETHER) if is_cluster(executor) else 1
     for first in range(0, len(tasks), size):
         under_way.append(executor.submit(together, work, tasks[first : first + size]))
         if len(under_way) >= 2 * workers:

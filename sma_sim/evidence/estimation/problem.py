@@ -341,7 +341,7 @@ def linearized_in_turn(
     return reduced_in_turn(problem, z, executor, unreduced, steps, central)
 
 
-def unreduced(run: LinearizedRun) -> LinearizedRun:
+def unreduced(_: FitData, run: LinearizedRun) -> LinearizedRun:
     """All of it."""
     return run
 
@@ -350,7 +350,7 @@ def reduced_in_turn(
     problem: Problem,
     z: Vector,
     executor: Executor,
-    reduce: Callable[[LinearizedRun], Reduced],
+    reduce: Callable[[FitData, LinearizedRun], Reduced],
     steps: Vector | None = None,
     central: bool = False,
 ) -> Iterator[Reduced]:
@@ -375,16 +375,16 @@ def reduced_in_turn(
         else:
             own = replace(problem, runs=(run,))
             (other,) = linearize_by_differences(own, z[at], executor, steps if steps is None else steps[at], central)
-            yield reduce(replace(other, indices=at))
+            yield reduce(run, replace(other, indices=at))
 
 
 def reduced_by_tangents(
-    job: tuple[NDArray[np.int64], TangentTask], reduce: Callable[[LinearizedRun], Reduced]
+    job: tuple[NDArray[np.int64], TangentTask], reduce: Callable[[FitData, LinearizedRun], Reduced]
 ) -> Reduced | None:
     """What `reduce` makes of a run linearised by its tangents, its unknowns at these indices; None where it has none."""
     at, task = job
     found = linearized_by_tangents(task)
-    return None if found is None else reduce(LinearizedRun(at, *found))
+    return None if found is None else reduce(task.run, LinearizedRun(at, *found))
 
 
 def tangent_task(
@@ -632,7 +632,12 @@ def normal_parts(
     problem: Problem, z: Vector, executor: Executor, steps: Vector | None = None, central: bool = False
 ) -> Iterator[NormalEquations]:
     """The normal equations of every run at z, one after the other."""
-    return reduced_in_turn(problem, z, executor, partial(normal_equations, robust=problem.robust), steps, central)
+    return reduced_in_turn(problem, z, executor, partial(equations_of_run, robust=problem.robust), steps, central)
+
+
+def equations_of_run(_: FitData, linear: LinearizedRun, robust: bool) -> NormalEquations:
+    """The normal equations of one run, where it is made."""
+    return normal_equations(linear, robust)
 
 
 def measured_steps(problem: Problem, z: Vector, executor: Executor) -> Vector | None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -94,13 +95,29 @@ def estimates_by_run(problem: Problem, z: Vector, reduced: Sequence[ReducedRun])
     return tuple(found)
 
 
-def reduced_run(problem: Problem, z: Vector, run: FitData, linear: LinearizedRun) -> ReducedRun:
+@dataclass(frozen=True)
+class Optimum:
+    """Where a fit has ended: its unknowns z (n,), their bounds, how many of them are shared, and whether it is robust."""
+
+    z: Vector
+    low: Vector
+    high: Vector
+    shared: int
+    robust: bool
+
+    @classmethod
+    def of(cls, problem: Problem, z: Vector) -> Self:
+        """That of a problem."""
+        return cls(z, *problem.limits(), len(problem.shared), problem.robust)
+
+
+def reduced_run(at: Optimum, run: FitData, linear: LinearizedRun) -> ReducedRun:
     """One recording without the unknowns of its own, which keep their priors; those on a bound stay there."""
-    part, s = z[linear.indices], len(problem.shared)
-    low, high = (limit[linear.indices] for limit in problem.limits())
+    part, low, high = (values[linear.indices] for values in (at.z, at.low, at.high))
+    s = at.shared
     inner = np.flatnonzero((part - low > BOUND_TOLERANCE) & (high - part > BOUND_TOLERANCE))
     own, shared = inner[inner >= s], np.arange(s)
-    equations = normal_equations(linear, problem.robust)
+    equations = normal_equations(linear, at.robust)
     H, g = equations.hessian, equations.gradient
     gain = np.linalg.solve(H[np.ix_(own, own)] + np.eye(len(own)), H[np.ix_(own, shared)]).T
     information = H[:s, :s] - gain @ H[np.ix_(own, shared)]
@@ -109,7 +126,7 @@ def reduced_run(problem: Problem, z: Vector, run: FitData, linear: LinearizedRun
     step[:s] = -np.linalg.solve(information + WEAK * np.eye(s), gradient)
     step[own] = -np.linalg.solve(H[np.ix_(own, own)] + np.eye(len(own)), g[own] + part[own]) - gain.T @ step[:s]
     left = linear.residuals + np.tensordot(step, linear.jacobian, 1)
-    inflation = score_overdispersion(run, left, len(inner), problem.robust)
+    inflation = score_overdispersion(run, left, len(inner), at.robust)
     return ReducedRun(run.name, information / inflation, gradient / inflation)
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -29,9 +30,9 @@ from sma_sim.evidence.estimation.problem import (
     Problem,
     accumulated,
     costs_at,
-    linearized_in_turn,
     measured_steps,
     normal_equations,
+    reduced_in_turn,
     robust_weights,
 )
 from sma_sim.evidence.estimation.residuals import FitData
@@ -145,14 +146,15 @@ class Warmth:
 def reduced_runs(
     problem: Problem, z: Vector, executor: Executor, reduce: Callable[[FitData, LinearizedRun], Reduced]
 ) -> list[Reduced]:
-    """What `reduce` makes of every recording, linearized at z as intervals need it, or at the tolerance of the fit.
+    """What `reduce`, which can be sent to another process, makes of every recording, linearized at z.
+
+    At a tolerance as intervals need it, or at that of the fit.
 
     A model at the edge of what can be run may run at one tolerance only. Raises SimulationError where it runs at neither.
     """
 
     def reduced(at: Problem) -> list[Reduced]:
-        linear = linearized_in_turn(at, z, executor, measured_steps(at, z, executor), central=True)
-        return [reduce(data, run) for data, run in zip(problem.runs, linear, strict=True)]
+        return list(reduced_in_turn(at, z, executor, reduce, measured_steps(at, z, executor), central=True))
 
     try:
         return reduced(problem.at_tolerance(JACOBIAN_RTOL))
@@ -241,7 +243,7 @@ def inverse_of_precision(precision: Matrix) -> Matrix:
 
 def known_ambient(problem: Problem, z: Vector, executor: Executor) -> Mapping[str, AmbientDifference]:
     """By recording, what a fit says at z of its ambient temperature. Raises SimulationError."""
-    runs = reduced_runs(problem, z, executor, lambda data, run: information_of(data, run, problem.robust))
+    runs = reduced_runs(problem, z, executor, partial(information_of, robust=problem.robust))
     return uncertainty(problem, z, runs).ambient
 
 
