@@ -535,7 +535,8 @@ PARTS = (
         'with each other, as much as the processors of this machine leave of two at best.',
         subject=FITS,
         headline=lambda r: (
-            f'{span([row["processor_s"] / row["data_MB"] for row in r["a fit"].values()], " s")} for each MB of recordings, '
+            f'{span([row["processor_s"] / (row["data_MB"] * row["iterations"]) for row in r["a fit"].values()], " s")} '
+            'for each MB of recordings and iteration, '
             f'{100.0 * r["cluster"]["useful"]:.0f} % of a cluster useful ({100.0 * r["cluster"]["apart"]:.0f} % of '
             'processes that share nothing)'
         ),
