@@ -504,7 +504,7 @@ def lost_command(problem: Problem, context: SearchContext) -> Step | None:
             continue
         k = after.evidence.overdispersion
         target = after.fit.cost - k**2 * (log_density_of_unknown(wrong, k) + log_prior)
-        before = fitted_as_it_is(with_least_power(problem, wrong, context), context, target, after.fit.squares)
+        before = fitted_as_it_is(with_least_power(problem, wrong, context), context, target, inf)  # an effect may make it up
         found.append((wrong, Step(fault, log_prior, before, after)))
     if not found or context.stop.is_set():
         return None
