@@ -33,9 +33,7 @@ def log_bounded_integral(slope: Vector, precision: Matrix, low: Vector, high: Ve
     hard that no number holds the heights.
     """
     with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
-        size = 1.0 / np.sqrt(
-            np.diag(precision)
-        )  # a unit of each in which rounding errors are small, however steep a model is
+        size = 1.0 / np.sqrt(np.diag(precision))  # units in which rounding errors are small, however steep a model is
         slope, low, high = size * slope, low / size, high / size
         precision = np.outer(size, size) * precision + ROUNDING * len(low) * np.eye(len(low))
         try:
