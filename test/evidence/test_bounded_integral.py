@@ -142,3 +142,18 @@ def test_it_is_never_more_than_the_whole_density_about_its_highest_point(seed):
     at = bounded_step(slope, precision, 0.0, low, high)
     whole = -float(slope @ at + 0.5 * at @ precision @ at) - 0.5 * float(np.linalg.slogdet(precision)[1])
     assert whole - 400.0 < log_bounded_integral(slope, precision, low, high) <= whole + 1e-6 * abs(whole)
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_unknowns_that_data_do_not_tell_apart_have_an_integral(seed):
+    """Two of which only the sum is known beside an even prior of either; also where no number holds their difference."""
+    rng, n = np.random.default_rng(seed), 12
+    derivatives = rng.normal(size=(40, n))
+    derivatives[:, 1] = derivatives[:, 0]
+    low, high, even = np.full(n, -3.0), np.full(n, 3.0), 1e-6 * np.eye(n)
+    share = log(6.0) - 0.5 * log(2.0 * pi)  # of the second one, from bound to bound
+    for size in (1e2, 1e4):
+        precision = size**2 * derivatives.T @ derivatives + even
+        known = -0.5 * float(np.linalg.slogdet(np.delete(np.delete(precision, 1, 0), 1, 1))[1])
+        assert log_bounded_integral(np.zeros(n), precision, low, high) == pytest.approx(known + share, abs=0.7)
+    assert np.isfinite(log_bounded_integral(np.zeros(n), 1e18 * derivatives.T @ derivatives + even, low, high))
