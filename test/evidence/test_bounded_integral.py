@@ -133,7 +133,7 @@ def test_in_a_corner_it_falls_from_both_bounds(away, correlation):
 @pytest.mark.parametrize('seed', range(10))
 def test_it_is_never_more_than_the_whole_density_about_its_highest_point(seed):
     """Of many unknowns that data hardly tell apart, a fit being far from its end: rounds that began elsewhere swung to
-    thousands of nats more, and a model that left forty times the noise was certain."""
+    thousands of nats more, and a model that left 3.4 times the noise was certain."""
     rng, n = np.random.default_rng(seed), 15
     derivatives = rng.normal(size=(n + 3, n)) * 10.0 ** rng.uniform(-3.0, 2.0, (n + 3, 1))
     size = 10.0 ** rng.uniform(-1.0, 4.0, n) / np.linalg.norm(derivatives, axis=0)

@@ -96,6 +96,15 @@ def test_noise_at_rest_explains_what_no_list_has():
     assert unlisted_evidence(left) > 500.0 and known < 5.0
 
 
+def test_what_moves_in_several_channels_is_no_noise_of_any():
+    """As of a robot that moves where its model rests: it counted as a noise 19 times as large as stated."""
+    truth, random = config('hybrid'), np.random.default_rng(3)
+    problem = problem_for(filtered((1, 2), truth), truth, FitOptions(), 1)
+    left = [weighted_residuals(truth, run) for run in problem.runs]
+    moving = [rows + np.outer(np.linspace(1.0, 3.0, len(rows)), 9.0 * smoothed(random, rows.shape[1], 0.9)) for rows in left]
+    assert noise_at_rest(problem, left).keys() == set(NOISE) and not noise_at_rest(problem, moving)
+
+
 def test_a_robot_that_lacks_nothing_lacks_nothing_beside_filtered_sensors():
     """The noise is said to be more than what was stated; that it is correlated was an unlisted effect, with certainty."""
     request = DiagnosisRequest(

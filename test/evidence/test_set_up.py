@@ -230,6 +230,21 @@ def test_repeated_commands_are_no_fault(runs):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(('seed', 'hidden'), [(270040, ()), (273041, ('gravity',))])
+def test_a_lost_command_is_found_that_is_much_like_the_one_in_its_place(seed, hidden):
+    """A model explains half of what moves under the wrong one; in the second robot the opposite sign of the command does."""
+    made = make_challenge(seed, len(hidden), None, hidden, forces=True, plan=RecordingPlan(3, 40.0, 20.0))
+    first, second, third = made.dataset.recordings
+    wrong = replace(
+        made.dataset, recordings=(replace(first, source=with_command(first.source, second.source)), second, third)
+    )
+    with ThreadPoolExecutor(2) as pool:
+        context = SearchContext(pool, Event())
+        (fault,) = faults_before_fits(wrong, replace(made.nominal, kinetics='mas'), OPTIONS, context)
+    assert (fault.kind, fault.recordings) == ('copied_command', ('run1', 'run2'))
+
+
+@pytest.mark.slow
 def test_two_faults_are_found_one_after_the_other(runs):
     faults = Fault('sign', ('U_x',)), Fault('unit', ('alpha',), np.pi / 180.0, 'degrees')
     assert set(in_words(faults_in(with_fault(runs, *faults)))) == {fault.words for fault in faults}

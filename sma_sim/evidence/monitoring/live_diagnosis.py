@@ -306,7 +306,7 @@ class LiveDiagnosis:
         return found
 
     def _begins_at_limit(self) -> bool:
-        """Whether the most probable cause begins as early as it could in the last evaluation: it may have begun before."""
+        """Whether the most probable cause starts with the samples of the last evaluation: it may have started before."""
         _, fitted = self._leading or ((), ())
         return any(one.onset <= 0.0 for one in fitted[:1])
 

@@ -21,7 +21,7 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(48)  # to 1e-9 of densities tha
 DEPTH = 40.0  # nats below the largest density beyond which nothing is left
 EVEN = 12.0  # squares of its width over the variance of an even density, with which the rounds begin
 KEPT = 0.3  # of the factors from the last round, which keeps rounds from swinging
-ROUNDS, EXACT = 200, 1e-3  # rounds at most, and nats between two of them that end it
+ROUNDS, EXACT = 60, 1e-3  # rounds at most, and nats between two of them that end it
 ROUNDING = 1e-15  # of a precision, by unknown: without it one of unknowns that data hardly tell apart may not be positive
 SMALLEST = 1e-12  # of a precision, below which the difference of two is rounding error
 

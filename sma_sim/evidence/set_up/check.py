@@ -217,7 +217,7 @@ def wrong_columns(
         steps.clear()
     while steps and not steps[-1].leaves_noise and may_be_an_effect(steps[-1], context):
         steps.pop()
-    lost = lost_command(as_they_are, context)
+    lost = None if steps and steps[-1].leaves_noise else lost_command(as_they_are, context)
     if lost is not None and not (steps and explain_as_well([steps[-1].after], lost.after, lost.log_prior)):
         return (lost.fault,)
     found = [step.fault for step in steps]
@@ -519,14 +519,11 @@ def lost_command(problem: Problem, context: SearchContext) -> Step | None:
 
 def with_least_power(problem: Problem, run: FitData, context: SearchContext) -> Problem:
     """The problem in which a run has that power, of both wires or of one alone, beside which the model explains most."""
-    sides = [problem]
-    for side in (1, -1):
-        own = replace(run, unpowered_side=side)
-        sides.append(replace(problem, runs=tuple(own if one is run else one for one in problem.runs)))
-    at = problem.runs.index(run)
-    shown = [residuals_at(one, start_point(one), context.pool)[at] for one in sides]
-    squares = [inf if rows is None else float(np.vdot(rows, rows)) for rows in shown]
-    return sides[int(np.argmin(squares))]
+    sides = (run, *(replace(run, unpowered_side=side) for side in (1, -1)))
+    tried = replace(problem, runs=sides)
+    shown = residuals_at(tried, start_point(tried), context.pool)
+    best = sides[int(np.argmin([inf if rows is None else float(np.vdot(rows, rows)) for rows in shown]))]
+    return replace(problem, runs=tuple(best if one is run else one for one in problem.runs))
 
 
 def log_density_of_unknown(run: FitData, k: float) -> float:
