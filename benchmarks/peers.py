@@ -143,7 +143,7 @@ def timed(work: Callable[[], Any]) -> tuple[Any, float]:
 def diagnosed(part: str, hidden: Sequence[str], found: Diagnosis) -> dict[str, Any]:
     """The most probable answer of a diagnosis, whether it is exactly right, and whether it has any of the hidden effects."""
     said, probability = next(iter(answers(found.posterior).items()))
-    exact = is_truth(said, {'odds': None, 'truth': right_answers(part, hidden, found)})
+    exact = is_truth(said, {'seen': None, 'truth': right_answers(part, hidden, found)})
     effects = {name.partition(SEPARATOR)[0] for name in said.split('+')}
     right = exact or part in ('one', 'pairs') and bool(effects.intersection(hidden))
     return {'said': said, 'probability': probability, 'exact': exact, 'right': right}

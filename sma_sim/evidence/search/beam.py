@@ -452,16 +452,23 @@ def add_in_kinetics_of_best(book: Book, context: SearchContext) -> None:
 
 
 def improve(size: int, book: Book, context: SearchContext) -> None:
-    """Exchange or drop each component of the best model of a level, if it has weight, as long as that leads further."""
+    """Exchange or drop each component of the best model of a level, if it has weight, as long as that leads further; of one
+    that leaves nothing where it is the best of all or tied with that."""
     for _ in range(ROUNDS if book.ranked(size) else 0):
         improve_forms(size, book, context)
         best = best_with_weight(size, book)
-        if best is None or (best.leaves_nothing and best is not book.best):
+        if best is None or (best.leaves_nothing and not is_tied(best, book)):
             return
         for component in best.components:
             (exchange_difference if component.is_difference else exchange)(best, component, book, context)
         if context.stop.is_set() or book.ranked(size)[0] is best:
             return
+
+
+def is_tied(model: Model, book: Book) -> bool:
+    """Whether a model is about as probable as the best."""
+    k = book.overdispersion
+    return model.score(k) >= book.best.score(k) - TIE
 
 
 def best_with_weight(size: int, book: Book) -> Model | None:
