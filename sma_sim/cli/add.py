@@ -16,7 +16,7 @@ from sma_sim.workflow.code_folders import parameter_file_at
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser = add_command(verbs, 'add', 'switch effects on in a parameter file')
+    parser = add_command(verbs, 'add')
     parser.add_argument(
         'effects', nargs='+', metavar='EFFECT[:PARAM=VALUE,...]', help='effects to switch on; `sma-sim effects` lists them'
     )

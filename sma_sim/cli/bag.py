@@ -20,7 +20,7 @@ from sma_sim.model.errors import UserError
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb and its own verbs."""
-    parser = add_command(verbs, 'bag', 'inspect, repair and convert bags')
+    parser = add_command(verbs, 'bag')
     own = parser.add_subparsers(dest='bag_verb', required=True)
     info = add_command(own, 'info', 'print topics, counts, duration and parameters')
     info.add_argument('bag', type=Path, metavar='BAG')

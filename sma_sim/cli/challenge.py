@@ -18,7 +18,7 @@ from sma_sim.cli.common.options import announce_first_compilation
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb and its own verbs."""
-    parser = add_command(verbs, 'challenge', 'make recordings of a robot with a hidden effect, and score a verdict about it')
+    parser = add_command(verbs, 'challenge')
     own = parser.add_subparsers(dest='challenge_verb', required=True)
     new = add_command(own, 'new', 'write recordings of a robot that differs from its model, and seal the answer')
     new.add_argument('--seed', type=int, required=True, metavar='N', help='seed; the same seed makes the same files')

@@ -39,7 +39,7 @@ COLUMNS = 6  # of the scores that the terminal has room for
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser = add_command(verbs, 'compare', 'compare the model with recordings, and say where the error is')
+    parser = add_command(verbs, 'compare')
     add_data_options(parser)
     add_beginning_option(parser)
     parser.add_argument(

@@ -17,9 +17,7 @@ from sma_sim.solver.warm_up import compile_fixed_rate, compile_simulation, compi
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser = add_command(
-        verbs, 'compile', 'compile the equations now instead of at the first start, for instance while a container is built'
-    )
+    parser = add_command(verbs, 'compile')
     parser.set_defaults(run=run)
 
 

@@ -38,7 +38,7 @@ from sma_sim.workflow.diagnosis import command_between, confounded, write_improv
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser = add_command(verbs, 'diagnose', 'find the physical effect that the model lacks')
+    parser = add_command(verbs, 'diagnose')
     add_data_options(parser)
     add_search_options(parser, 'seed of the significance tests')
     add_limit_option(parser)

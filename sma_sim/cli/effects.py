@@ -27,7 +27,7 @@ LIST_FIELDS = ('confused_with', 'same_as', 'states')
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser = add_listing(verbs, 'effects', 'list the physical effects that can be switched on', EFFECTS)
+    parser = add_listing(verbs, 'effects', EFFECTS)
     parser.add_argument(
         '--system', metavar='NAME', help='only those that act on this structure, with parameters in its units'
     )

@@ -27,7 +27,7 @@ HIGHEST_PORT = 65535
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser = add_command(verbs, 'explore', 'see the model in the browser, beside recordings or a robot, and improve it')
+    parser = add_command(verbs, 'explore')
     add_recording_options(parser, nargs='*')
     add_kinetics(parser, ('hybrid', 'mas'), 'those of the configuration, else hybrid')
     parser.add_argument(

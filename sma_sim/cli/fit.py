@@ -37,7 +37,7 @@ from sma_sim.workflow.parameter_sheet import check_sheet, write_sheet
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser = add_command(verbs, 'fit', 'estimate parameters of the model from recordings')
+    parser = add_command(verbs, 'fit')
     add_data_options(parser)
     add_beginning_option(parser)
     parser.add_argument(

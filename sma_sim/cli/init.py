@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sma_sim.cli.common.commands import example_of
+from sma_sim.cli.common.commands import add_command
 from sma_sim.cli.common.options import add_config_options, announce_first_compilation, folders_beside
 from sma_sim.evidence.data.display_units import ZERO_CELSIUS
 from sma_sim.evidence.data.tables import check_writable, write_whole
@@ -73,13 +73,10 @@ MODULE = 'module'  # whose dimensions are asked for
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        'init',
-        epilog=example_of('init'),
-        help='write the parameter file of your robot',
-        description='Write the parameter file of your robot. On a terminal it asks for the dimensions. With a dimension '
-        'among the options, or without a terminal, it does not ask; what is not given is taken from --config, else from '
-        'the paper.',
+    parser = add_command(verbs, 'init')
+    parser.description = (
+        f'{parser.description} On a terminal it asks for the dimensions. With a dimension among the options, or without a '
+        'terminal, it does not ask; what is not given is taken from --config, else from the paper.'
     )
     parser.add_argument(
         '--out', type=Path, default=Path('robot.yaml'), metavar='FILE', help='parameter file to write (default: robot.yaml)'

@@ -29,7 +29,7 @@ from sma_sim.words.latent_input import RANKING_HEADER, latent_data, ranking_rows
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser = add_command(verbs, 'latent', 'estimate the missing force, heat or other input over time, and where it acts')
+    parser = add_command(verbs, 'latent')
     add_data_options(parser)
     add_beginning_option(parser)
     parser.add_argument('-o', dest='report', metavar='FILE.html', help='the same as --report', type=report_path)

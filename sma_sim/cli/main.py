@@ -14,32 +14,11 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import Any, NoReturn
 
-from sma_sim.cli.common.commands import KINETICS_HELP
+from sma_sim.cli.common.commands import COMMANDS, KINETICS_HELP, add_command
 from sma_sim.model.errors import UserError
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.optional import missing
 
-VERBS = (
-    'tour',
-    'init',
-    'simulate',
-    'explore',
-    'fit',
-    'compare',
-    'diagnose',
-    'latent',
-    'add',
-    'next',
-    'observe',
-    'play',
-    'plot',
-    'bag',
-    'effects',
-    'systems',
-    'challenge',
-    'paper',
-    'compile',
-)
 PACKAGE = 'sma_sim'
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # what a disk says that takes no more
 BROKEN_PIPE = 141  # as a shell says of a program that SIGPIPE ended
@@ -136,18 +115,16 @@ def report_fault(name: str) -> int:
 
 
 def parser_for(words: list[str]) -> argparse.ArgumentParser:
-    """The parser, with the verb that is asked for alone, if it is one, or none for the version: others are not imported."""
+    """The parser: whole for the verb that is asked for, of the others the purpose alone, since each imports much."""
     parser = CommandParser(
         prog='sma-sim', description='Simulate soft robots driven by shape-memory-alloy wires.', epilog=KINETICS_HELP
     )
     parser.add_argument('--version', action='version', version=f'sma-sim {sys.modules[PACKAGE].__version__}')
     verbs = parser.add_subparsers(dest='verb', required=True)
-    if words == ['--version']:
-        return parser
-    for verb in [words[0]] if words and words[0] in VERBS else VERBS:
-        import_module(f'sma_sim.cli.{verb}').add_parser(verbs)
+    asked = next((word for word in words if word in COMMANDS), '')
+    for name in COMMANDS:
+        if name == asked:
+            import_module(f'sma_sim.cli.{name}').add_parser(verbs)
+        else:
+            add_command(verbs, name)
     return parser
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -44,7 +44,7 @@ from sma_sim.words.experiment_design import (
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser = add_command(verbs, 'next', 'design the experiment that separates explanations, or determines parameters better')
+    parser = add_command(verbs, 'next')
     add_data_options(parser)
     add_beginning_option(parser)
     parser.add_argument(

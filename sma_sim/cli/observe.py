@@ -21,7 +21,7 @@ from sma_sim.workflow.data_request import DataRequest
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser = add_command(verbs, 'observe', 'estimate temperatures, fractions and stresses of the wires of a recorded robot')
+    parser = add_command(verbs, 'observe')
     parser.add_argument('data', type=Path, metavar='BAG', help='a bag, or a CSV file')
     add_reading_options(parser)
     parser.add_argument(

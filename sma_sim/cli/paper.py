@@ -20,7 +20,7 @@ MAX_RANDOM_RUNS = 100_000
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser = add_command(verbs, 'paper', "reproduce the paper's figures and numbers")
+    parser = add_command(verbs, 'paper')
     parser.add_argument('--out', type=Path, default=Path('paper'), metavar='FOLDER', help='folder to write (default: paper)')
     parser.add_argument('--overwrite', action='store_true', help='replace FOLDER if an earlier run of this command wrote it')
     parser.add_argument('--runs', type=int, default=30, help='number of random runs (default 30, as in the paper)')

@@ -32,7 +32,7 @@ SET_POINT_RATE = 50.0  # [1/s] of set points that are linear between the rows of
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser = add_command(verbs, 'play', 'send the commands of a CSV file or a bag to J_eq (or J, and set points), in time')
+    parser = add_command(verbs, 'play')
     parser.add_argument(
         'file', type=Path, metavar='FILE', help='CSV file with time_s and J_eq_W (J_W, J_1_W, ...), or a bag'
     )

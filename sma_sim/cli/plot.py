@@ -19,7 +19,7 @@ from sma_sim.report.style import save
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser = add_command(verbs, 'plot', 'draw a run: pose, temperatures, forces, modes')
+    parser = add_command(verbs, 'plot')
     parser.add_argument('file', type=Path, metavar='FILE', help='CSV of a run, or a bag')
     add_namespace_option(parser)
     parser.add_argument('--out', type=Path, metavar='PICTURE', help='PNG, SVG or PDF to write (default: FILE with .png)')

@@ -30,7 +30,7 @@ JUMP_COLUMNS = ('t', 'j', 'wire', 'guard', 'from', 'to')
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser = add_command(verbs, 'simulate', 'simulate the response of the model to an input file')
+    parser = add_command(verbs, 'simulate')
     parser.add_argument(
         '--input',
         type=Path,

@@ -16,7 +16,7 @@ SYSTEMS = Listed('system', 'structures', 'structures.paths')
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser = add_listing(verbs, 'systems', 'list the structures that can be simulated, fitted and diagnosed', SYSTEMS)
+    parser = add_listing(verbs, 'systems', SYSTEMS)
     parser.set_defaults(run=run)
 
 

@@ -44,7 +44,7 @@ STEPS = (
 
 def add_parser(verbs: Any) -> None:
     """Declare the verb."""
-    parser = add_command(verbs, 'tour', 'demonstrate the package in two minutes, on recordings that come with it')
+    parser = add_command(verbs, 'tour')
     parser.add_argument('--out', type=Path, default=Path('tour'), metavar='FOLDER', help='folder to write (default: tour)')
     parser.set_defaults(run=run)
 

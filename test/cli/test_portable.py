@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from sma_sim.cli.main import VERBS
+from sma_sim.cli.common.commands import COMMANDS
 
 ROOT = Path(__file__).resolve().parents[2]
 OFFLINE = [file for file in sorted((ROOT / 'sma_sim').rglob('*.py')) if 'ros' not in file.relative_to(ROOT).parts]
@@ -158,9 +158,9 @@ def run_without_ros(folder, lines):
 
 
 def test_help_of_every_command_without_ros(tmp_path):
-    done = run_without_ros(tmp_path, [['--help'], *([verb, '--help'] for verb in VERBS)])
+    done = run_without_ros(tmp_path, [['--help'], *([verb, '--help'] for verb in COMMANDS)])
     assert done.returncode == 0 and done.stdout.splitlines()[-1] == 'False', done.stderr
-    assert all(f'usage: sma-sim {verb}' in done.stdout for verb in VERBS)
+    assert all(f'usage: sma-sim {verb}' in done.stdout for verb in COMMANDS)
 
 
 def test_commands_without_ros(tmp_path):

@@ -50,13 +50,22 @@ def test_public_names_have_the_types_that_checkers_see():
 
 def loaded_by(statement):
     """The modules that a statement loads in a Python of its own."""
-    words = [sys.executable, '-c', f'import sys; {statement}; print(*sys.modules)']
+    words = [sys.executable, '-c', f'import sys; {statement}\nprint(*sys.modules)']
     return subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True).stdout.splitlines()[-1].split()
 
 
 def test_a_verb_loads_nothing_of_others():
     loaded = loaded_by('from sma_sim.cli.main import main; main(["effects"])')
     assert 'sma_sim.cli.effects' in loaded and 'sma_sim.evidence' not in loaded and 'numba' not in loaded
+
+
+@pytest.mark.parametrize('words', [['--help'], ['fti'], []])
+def test_help_and_a_misspelt_verb_load_no_verb(words):
+    """They answer at once; all verbs together take seconds to load."""
+    loaded = loaded_by(
+        f'import contextlib; from sma_sim.cli.main import main\nwith contextlib.suppress(SystemExit): main({words})'
+    )
+    assert 'sma_sim.cli.main' in loaded and 'numpy' not in loaded
 
 
 def test_what_only_estimates_or_writes_bags_is_not_loaded_before_a_run():

@@ -5,8 +5,8 @@ import shlex
 import pytest
 
 import sma_sim
-from sma_sim.cli.common.commands import EXAMPLES, print_notes
-from sma_sim.cli.main import VERBS, main, parser_for
+from sma_sim.cli.common.commands import COMMANDS, print_notes
+from sma_sim.cli.main import main, parser_for
 
 
 def told(capsys, words):
@@ -61,9 +61,9 @@ def test_the_version(capsys):
     assert end.value.code == 0 and capsys.readouterr().out == f'sma-sim {sma_sim.__version__}\n'
 
 
-@pytest.mark.parametrize('verb', VERBS)
+@pytest.mark.parametrize('verb', COMMANDS)
 def test_every_command_has_an_example_that_it_takes(verb, capsys):
-    words = shlex.split(EXAMPLES[verb])
+    words = shlex.split(COMMANDS[verb].example)
     assert words[:2] == ['sma-sim', verb] and parser_for(words[1:]).parse_args(words[1:]).verb == verb
     with pytest.raises(SystemExit):
         main([verb, '--help'])

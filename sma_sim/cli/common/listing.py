@@ -24,9 +24,9 @@ class Listed(NamedTuple):
     folders: str
 
 
-def add_listing(verbs: Any, verb: str, purpose: str, listed: Listed) -> argparse.ArgumentParser:
+def add_listing(verbs: Any, verb: str, listed: Listed) -> argparse.ArgumentParser:
     """Declare a verb that lists."""
-    parser = add_command(verbs, verb, purpose)
+    parser = add_command(verbs, verb)
     parser.add_argument('names', nargs='*', metavar='NAME', help=f'{listed.many} to show in detail (default: a list of all)')
     parser.add_argument('--json', action='store_true', help='print JSON, for programs')
     parser.add_argument(
