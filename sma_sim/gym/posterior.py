@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import eigh
 
 from sma_sim.model.errors import UserError
 
@@ -59,7 +60,7 @@ class Posterior:
         found = given['parameters']
         correlation = np.asarray(given['correlation'], dtype=float).reshape(len(found), len(found))
         seen = np.array([bool(one['seen']) for one in found.values()])
-        eigenvalues, vectors = np.linalg.eigh(np.where(np.outer(seen, seen), np.nan_to_num(correlation), np.eye(len(found))))
+        eigenvalues, vectors = eigh(np.where(np.outer(seen, seen), np.nan_to_num(correlation), np.eye(len(found))))
         return cls(
             tuple(found),
             np.array([float(one['value']) for one in found.values()]),

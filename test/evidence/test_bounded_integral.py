@@ -157,3 +157,11 @@ def test_unknowns_that_data_do_not_tell_apart_have_an_integral(seed):
         known = -0.5 * float(np.linalg.slogdet(np.delete(np.delete(precision, 1, 0), 1, 1))[1])
         assert log_bounded_integral(np.zeros(n), precision, low, high) == pytest.approx(known + share, abs=0.7)
     assert np.isfinite(log_bounded_integral(np.zeros(n), 1e18 * derivatives.T @ derivatives + even, low, high))
+
+
+def test_a_precision_for_which_one_way_to_its_eigenvalues_fails():
+    """That of a candidate model: LAPACK's divide and conquer, which `numpy.linalg.eigh` calls, gives up in the third round."""
+    case = np.load(Path(__file__).with_name('eigenvalues_not_converging.npz'))
+    whole = -0.5 * float(np.linalg.slogdet(case['precision'])[1])
+    found = log_bounded_integral(case['slope'], case['precision'], case['low'], case['high'])
+    assert whole - 20.0 < found <= whole

@@ -17,7 +17,7 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import qr
+from scipy.linalg import eigh, qr
 
 from sma_sim.evidence.estimation.fit_result import OtherStart
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, FreeParameter
@@ -215,7 +215,7 @@ def uncertainty(problem: Problem, z: Vector, runs: Sequence[RunInformation]) -> 
     np.fill_diagonal(covariance, np.maximum(np.diag(covariance), np.diag(inverse)))
     variance = np.maximum(np.diag(covariance), np.diag(inverse @ scores @ inverse))
     information = np.linalg.inv(inverse_of_precision(said)[:p, :p]) - BOUND_STDS**-2.0 * np.eye(p) if p else np.zeros((0, 0))
-    size, vectors = np.linalg.eigh(information)
+    size, vectors = eigh(information)
     unknown = vectors[:, size < PRIOR_INFORMATION]
     return Uncertainty(
         intervals=tuple(
@@ -236,7 +236,7 @@ def inverse_of_precision(precision: Matrix) -> Matrix:
     """The covariance (n, n) of a precision (n, n); of directions that data do not see it is large, and positive in spite of
     rounding errors."""
     size = 1.0 / np.sqrt(np.diag(precision))
-    values, axes = np.linalg.eigh(np.outer(size, size) * precision)
+    values, axes = eigh(np.outer(size, size) * precision)
     found: Matrix = np.outer(size, size) * ((axes / np.maximum(values, ROUNDING)) @ axes.T)
     return found
 
@@ -257,7 +257,7 @@ def posterior_covariance(free: Sequence[FreeParameter], known: Uncertainty) -> P
     scale = np.array([one.scale for one in free])
     std = np.nan_to_num([one.std for one in known.intervals] / scale, nan=UNKNOWN_STD, posinf=UNKNOWN_STD)
     covariance = np.nan_to_num(np.reshape(known.correlation, (len(free), len(free)))) * np.outer(std, std)
-    size, vectors = np.linalg.eigh(covariance)
+    size, vectors = eigh(covariance)
     told = np.maximum(1.0 / np.maximum(size, 1e-300) - BOUND_STDS**-2.0, 0.0)  # without what widened priors told
     matrix = (vectors / (told + 1.0)) @ vectors.T * np.outer(scale, scale)
     return ParameterCovariance(tuple(one.name for one in free), 0.5 * (matrix + matrix.T))

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import eigh
 
 from sma_sim.evidence.experiment_design.forecast import RunPrediction
 from sma_sim.model.arrays import Matrix, Vector
@@ -144,6 +145,7 @@ def information_gain(combinations: Matrix, root: Matrix, prediction: RunPredicti
 
 def weak_directions(covariance: Matrix, weak_std: float, fewest: int) -> Matrix:
     """Combinations (k, n), of unit length, whose standard deviation exceeds `weak_std`; at least the `fewest` weakest."""
-    variances, vectors = np.linalg.eigh(covariance)
+    variances, vectors = eigh(covariance)
     count = max(int(np.sum(variances > weak_std**2)), min(fewest, len(variances)))
-    return vectors[:, len(variances) - count :].T
+    weak: Matrix = vectors[:, len(variances) - count :].T
+    return weak

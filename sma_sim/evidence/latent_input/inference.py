@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import eigh
 
 from sma_sim.model.arrays import Matrix, Vector
 
@@ -59,7 +60,7 @@ class Prior:
 
 def covariance_root(covariance: Matrix) -> Matrix:
     """L with C = L L', its smallest eigenvalues dropped."""
-    eigenvalues, vectors = np.linalg.eigh(covariance)
+    eigenvalues, vectors = eigh(covariance)
     keep = eigenvalues > RANK_TOLERANCE * eigenvalues[-1]
     root: Matrix = vectors[:, keep] * np.sqrt(eigenvalues[keep])
     return root
@@ -83,7 +84,7 @@ def null_log_evidence(data: SufficientStatistics, z: Vector) -> float:
 def best_amplitude(gram: Matrix, score: Vector, description: str, covariance: Matrix) -> Prior:
     """A covariance at its best amplitude, for a score (m,)."""
     root = covariance_root(covariance)
-    information, vectors = np.linalg.eigh(root.T @ gram @ root)
+    information, vectors = eigh(root.T @ gram @ root)
     squared_score = (vectors.T @ (root.T @ score)) ** 2
     seen = AMPLITUDES[:, None] ** 2 * np.maximum(information, 0.0)
     log_evidences = 0.5 * np.sum(AMPLITUDES[:, None] ** 2 * squared_score / (1.0 + seen) - np.log1p(seen), axis=1)

@@ -12,7 +12,7 @@ from __future__ import annotations
 from math import inf
 
 import numpy as np
-from scipy.linalg import LinAlgError
+from scipy.linalg import LinAlgError, eigh
 
 from sma_sim.evidence.estimation.levenberg_marquardt import bounded_step
 from sma_sim.model.arrays import Matrix, Vector
@@ -38,10 +38,10 @@ def log_bounded_integral(slope: Vector, precision: Matrix, low: Vector, high: Ve
         precision = np.outer(size, size) * precision + ROUNDING * len(low) * np.eye(len(low))
         try:
             top = bounded_step(slope, precision, 0.0, low, high)
+            about = _by_expectation_propagation(slope + precision @ top, precision, low - top, high - top)
         except (LinAlgError, ValueError):  # of numbers that are none
             return -inf
         height = -float(slope @ top + 0.5 * top @ precision @ top)
-        about = _by_expectation_propagation(slope + precision @ top, precision, low - top, high - top)
         total = height + about + float(np.log(size).sum())
     return total if np.isfinite(total) else -inf
 
@@ -57,7 +57,7 @@ def _by_expectation_propagation(slope: Vector, precision: Matrix, low: Vector, h
     pull = np.where(falling > even, 2.0 * slope, 0.5 * even * np.where(np.isfinite(width), low + high, 0.0))
     total, before, rounds = inf, -inf, 0
     while abs(total - before) > EXACT and rounds < ROUNDS:
-        precisions, axes = np.linalg.eigh(precision + np.diag(factor))
+        precisions, axes = eigh(precision + np.diag(factor))
         precisions = np.maximum(precisions, ROUNDING)
         covariance = (axes / precisions) @ axes.T
         mean, variance = covariance @ (pull - slope), np.diag(covariance)

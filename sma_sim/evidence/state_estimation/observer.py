@@ -50,6 +50,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import pinvh
 from scipy.optimize import nnls
 from scipy.special import expit, ndtr
 
@@ -398,7 +399,7 @@ class Observer:
         wire, of_states = propagation.model.wire, np.zeros(self._size)
         self._wire, beside_states = wire, slice(at.parameters.start, self._size)
         self._warming = self.config.parameters['node.J_max'] / (wire.n * wire.lambda_ * wire.surface)  # [K]
-        self._precision = np.linalg.pinv(self._stationary[beside_states, beside_states], hermitian=True)
+        self._precision = pinvh(self._stationary[beside_states, beside_states])
         of_states[temperatures] = (u['initial_T_std'] / self._scales_of_T) ** 2
         of_states[: p.coordinates] = u['discrepancy'] ** 2
         of_states[self._fractions] = (u['initial_x_M_std'] / unit) ** 2
