@@ -205,7 +205,7 @@ def error_of(stage: ModelStage) -> dict[str, Any]:
     return {
         'effects': plain_names(stage.effects),
         'differences': stage.differences,
-        'model': stage.model,
+        'model': stage.kinetics,
         'train': stage.train,
         'held_out': stage.held_out,
         'channels': stage.held_out_channel_errors or stage.channel_errors,

@@ -10,7 +10,7 @@ from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.estimation.plausibility import unrealistic
 from sma_sim.evidence.estimation.run_estimates import disagreement
 from sma_sim.evidence.estimation.uncertainty import AmbientDifference, Interval
-from sma_sim.evidence.model_selection.criteria import CRITERIA
+from sma_sim.evidence.model_selection.criteria import NOISE_ONLY, UNEXPLAINED
 from sma_sim.evidence.search.refine import TIE
 from sma_sim.evidence.search.steps import CandidateFit
 from sma_sim.evidence.set_up.faults import is_uncertain
@@ -85,7 +85,7 @@ def as_text(diagnosis: Diagnosis) -> Iterator[str]:
         )
     yield f'{"normalized RMSE (1: as good as the sensors)":<44} fitted  held out'
     for stage in diagnosis.stages:
-        name = f'{" + ".join(stage.effects) or "nominal model"}{DIFFERING if stage.differences else ""} ({stage.model})'
+        name = f'{" + ".join(stage.effects) or "nominal model"}{DIFFERING if stage.differences else ""} ({stage.kinetics})'
         yield f'  {name:<42} {error_number(stage.train):>6}  {error_number(stage.held_out):>8}'
     yield from remarks(diagnosis)
 
@@ -300,18 +300,18 @@ def removed_lines(diagnosis: Diagnosis) -> Iterator[str]:
 
 def left_lines(diagnosis: Diagnosis) -> Iterator[str]:
     """What known effects leave, and the equation that is proposed for it."""
-    last = diagnosis.with_known_effects
+    last = [stage for stage in diagnosis.stages if stage.kind != 'formula'][-1]
     channels = last.held_out_channel_errors or last.channel_errors
     worst = max(channels, key=lambda name: channels[name])
     limit = diagnosis.limit
-    if channels[worst] > CRITERIA.unexplained and limit > CRITERIA.unexplained:
+    if channels[worst] > UNEXPLAINED and limit > UNEXPLAINED:
         yield ADEQUATE.format(ratio=channels[worst], channel=worst, limit=limit)
     elif channels[worst] > limit:
         yield (
             f'With known effects, the normalized RMSE of {worst} is {channels[worst]:.1f} '
             f'(more than {limit:g} is not chance).'
         )
-    if last.train <= CRITERIA.noise_only and diagnosis.proposal is None:
+    if last.train <= NOISE_ONLY and diagnosis.proposal is None:
         yield ONLY_HELD_OUT
     yield from proposed_text(diagnosis)
 

@@ -10,7 +10,7 @@ from typing import Any
 from sma_sim.evidence.diagnosis.conclusion import ModelStage
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95
-from sma_sim.evidence.model_selection.criteria import CRITERIA
+from sma_sim.evidence.model_selection.criteria import NOISE_ONLY
 from sma_sim.evidence.search.equations import FormulaFit, Proposal
 from sma_sim.words.json_values import finite
 
@@ -94,7 +94,7 @@ def coefficients(diagnosis: Diagnosis) -> dict[str, dict[str, Any]]:
 def describes(diagnosis: Diagnosis) -> bool:
     """Whether the proposed equation is what is missing: it leaves noise only, and its coefficients are not zero (95 %)."""
     last = diagnosis.stages[-1]
-    if last.train > CRITERIA.noise_only or last.held_out > diagnosis.limit:
+    if last.train > NOISE_ONLY or last.held_out > diagnosis.limit:
         return False
     neutral = {p.name: p.neutral for p in proposal_of(diagnosis).formula.parameters if p.neutral is not None}
     return not any(includes(one, neutral[name]) for name, one in coefficients(diagnosis).items() if name in neutral)

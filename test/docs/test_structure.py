@@ -1,19 +1,15 @@
 """What keeps functions and decisions readable: few arguments, and every threshold of a diagnosis in one documented place."""
 
 import ast
-from dataclasses import astuple, fields
 from itertools import zip_longest
 from pathlib import Path
 
-import numpy as np
-
 from sma_sim.compiler.compile import OUT_OF_LINE
 from sma_sim.evidence.model_selection import criteria
-from sma_sim.evidence.model_selection.criteria import SelectionCriteria
 
 PACKAGE = Path(__file__).resolve().parents[2] / 'sma_sim'
 MAX_ARGUMENTS, MAX_IN_SOLVER = 7, 8
-MAX_THRESHOLDS = 13
+MAX_THRESHOLDS = 4  # beside the score
 ROOMS = ('search', 'set_up', 'diagnosis', 'model_selection')  # of a diagnosis
 # Numbers of formulas, not of decisions: signs, halves, squares, per cent, the regularisation of a Cholesky factor.
 FORMULA_NUMBERS = {-1.0, 0.0, 0.5, 1.0, 2.0, 100.0, 1e-9}
@@ -81,7 +77,8 @@ def test_numbers_that_decide_in_a_diagnosis_have_names_and_reasons():
     assert len(files) > 25
     found = {file.name: list(thresholds_in(file.read_text())) for file in files}
     assert {name: numbers for name, numbers in found.items() if numbers} == {}
-    assert np.hstack(astuple(SelectionCriteria())).size <= MAX_THRESHOLDS
+    decide = [node for node in ast.parse(Path(criteria.__file__).read_text()).body if isinstance(node, ast.Assign)]
+    assert 0 < len(decide) <= MAX_THRESHOLDS
 
 
 def test_a_threshold_without_a_reason_is_found():
@@ -90,19 +87,6 @@ def test_a_threshold_without_a_reason_is_found():
         'def choose(error, limit=1.1):\n    return error < 0.7 * limit + 0.5'
     )
     assert list(thresholds_in(source)) == ['NEAR = 0.3', 'FITS: tuple[float, ...] = (1.0,)', 'choose: 1.1', 'choose: 0.7']
-
-
-def test_every_threshold_has_its_reason():
-    """The text below a field, or below the last of several that share it."""
-    (declared,) = (node for node in ast.parse(Path(criteria.__file__).read_text()).body if isinstance(node, ast.ClassDef))
-    body = declared.body[1:]
-    assert [node.target.id for node in body if isinstance(node, ast.AnnAssign)] == [
-        f.name for f in fields(SelectionCriteria)
-    ]
-    assert isinstance(body[-1], ast.Expr)
-    reasons = [node.value.value for node in body if isinstance(node, ast.Expr)]
-    assert all(len(reason) > 40 for reason in reasons)
-    assert len(reasons) >= len(fields(SelectionCriteria)) - 2
 
 
 def test_functions_that_stay_out_of_line_exist():

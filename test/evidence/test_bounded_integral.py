@@ -160,7 +160,7 @@ def test_unknowns_that_data_do_not_tell_apart_have_an_integral(seed):
 
 
 def test_a_precision_for_which_one_way_to_its_eigenvalues_fails():
-    """That of a candidate model: LAPACK's divide and conquer, which `numpy.linalg.eigh` calls, gives up in the third round."""
+    """LAPACK's divide and conquer, which `numpy.linalg.eigh` calls, gives up on that of a candidate in the third round."""
     case = np.load(Path(__file__).with_name('eigenvalues_not_converging.npz'))
     whole = -0.5 * float(np.linalg.slogdet(case['precision'])[1])
     found = log_bounded_integral(case['slope'], case['precision'], case['low'], case['high'])

@@ -50,7 +50,9 @@ def candidate(name, *rivals):
 
 def stage(effects, held_out, kind='added'):
     errors = {'train': held_out, 'held_out': held_out, 'channel_errors': {}, 'held_out_channel_errors': {'alpha': held_out}}
-    return SimpleNamespace(kind=kind, effects=tuple(effects), model='mas', calibration=CALIBRATION, differences=(), **errors)
+    return SimpleNamespace(
+        kind=kind, effects=tuple(effects), kinetics='mas', calibration=CALIBRATION, differences=(), **errors
+    )
 
 
 def diagnosis(verdict, *candidates, errors=(10.0, 1.0), stopped=False, **changes):

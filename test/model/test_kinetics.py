@@ -51,7 +51,7 @@ def test_a_diagnosis_keeps_given_kinetics_though_others_fit_better(by):
     request = DiagnosisRequest('hybrid' if by == 'request' else None, options=options, equation=False, variants=False)
     nominal = config() if by == 'request' else replace(config(), kinetics='hybrid')
     found = diagnose(runs, nominal, request=request)
-    assert {stage.model for stage in found.stages} == {'hybrid'} and 'gravity' in found.effects
+    assert {stage.kinetics for stage in found.stages} == {'hybrid'} and 'gravity' in found.effects
 
 
 @pytest.mark.parametrize('true', BOTH)

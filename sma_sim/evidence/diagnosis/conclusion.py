@@ -36,7 +36,7 @@ from sma_sim.evidence.estimation.recording_differences import AMBIENT, Recording
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS
 from sma_sim.evidence.estimation.uncertainty import AmbientDifference, known_ambient
-from sma_sim.evidence.model_selection.criteria import CRITERIA, fits_all
+from sma_sim.evidence.model_selection.criteria import ADEQUATE_PART, NOISE_ONLY, UNEXPLAINED, fits_all
 from sma_sim.evidence.search.beam import Book
 from sma_sim.evidence.search.equations import has_terms
 from sma_sim.evidence.search.posterior import EVEN, Posterior
@@ -81,7 +81,7 @@ def conclusion(
     stages = [provisional_stage(data, 'added' if k else 'nominal', one, context) for k, one in enumerate(fits)]
     known = data.under(last, context)
     stages.append(final_stage(known, 'formula' if is_formula else 'added' if stages else 'nominal', last, context))
-    fitted_explained = stages[-1].train <= max(CRITERIA.noise_only, fits_all(data.limit))
+    fitted_explained = stages[-1].train <= max(NOISE_ONLY, fits_all(data.limit))
     if fitted_explained and stages[-1].held_out > data.limit:
         together = pooled_refit(known, last, stages[-1].predicted, context)
     pooled = None if together is None else together[1]
@@ -164,7 +164,7 @@ def verdict_of(last: ModelStage, pooled: PooledErrors | None, posterior: Posteri
     """
     error = last.train if isnan(last.held_out) else last.held_out
     explained = error <= limit or (pooled is not None and pooled.explained(limit))
-    lacks_unlisted = limit <= CRITERIA.unexplained and posterior.unlisted > EVEN
+    lacks_unlisted = limit <= UNEXPLAINED and posterior.unlisted > EVEN
     return verdict_from(explained and not has_terms(posterior.best), last.effects, lacks_unlisted)
 
 
@@ -216,7 +216,7 @@ class ModelStage:
     differences: tuple[str, ...] = ()
 
     @property
-    def model(self) -> str:
+    def kinetics(self) -> str:
         """`hybrid` or `mas`."""
         return self.config.simulated_kinetics
 
@@ -260,10 +260,10 @@ class StageData:
         noise is far less than a model of one homogeneous wire can follow, at least a part of what strain spans."""
         recordings, noise = self.training.recordings, self.training.noise_std.get('strain')
         if noise is None or not all(one.structure.is_quasi_static for one in recordings):
-            return CRITERIA.unexplained
+            return UNEXPLAINED
         strains = [one.channels['strain'] for one in recordings if 'strain' in one.channels]
         span = max(float(np.nanmax(strain) - np.nanmin(strain)) for strain in strains)
-        return max(CRITERIA.unexplained, CRITERIA.adequate_part * (span / noise))
+        return max(UNEXPLAINED, ADEQUATE_PART * (span / noise))
 
     def predicted(self, fit: FitResult | Calibration, context: SearchContext) -> tuple[RunFit, ...]:
         """The held-out runs, as they are here, under a model."""
@@ -382,14 +382,13 @@ def as_fitted(fit: FitResult, context: SearchContext) -> FitResult:
     return replace(fit, problem=problem, z=z, cost=cost_at(problem, z, context.pool))
 
 
-# Is a held-out run beyond the model, or only beyond what the fitted runs tell of its parameters?
-#
-# A run that goes further than the fitted ones needs parameters that these hardly determine: its error is large, and nothing
-# is missing. Then one set of parameters explains all runs; where something is missing, none does. Nor does it mean anything
-# if the ambient temperature of each run, which nobody measured, is all that it takes.
 @dataclass(frozen=True)
 class PooledErrors:
     """Errors over noise of the training and the held-out runs when one model is fitted to all of them.
+
+    A held-out run that goes further than the fitted ones needs parameters that these hardly tell: its error is large, and
+    nothing is missing. Then one set of parameters explains all, with an ambient temperature for each run where nobody
+    measured it.
 
     `ambient`: by recording, how far its ambient temperature is from that of its input [K], where that had to differ;
     `above_first`: and from that of the first recording; `in_own_rooms`: by stage, how well the held-out runs are then
@@ -402,7 +401,7 @@ class PooledErrors:
     above_first: Mapping[str, AmbientDifference] = field(default_factory=dict)
     in_own_rooms: tuple[float, ...] = ()
 
-    def explained(self, limit: float = CRITERIA.unexplained) -> bool:
+    def explained(self, limit: float = UNEXPLAINED) -> bool:
         """Whether nothing is left in either; `limit`: the error above which something is missing."""
         return max(self.train, self.held_out) <= fits_all(limit)
 

@@ -32,7 +32,7 @@ from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, impla
 from sma_sim.evidence.estimation.prepared_fit import PreparedFit, check_data, check_systems, prepare
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
 from sma_sim.evidence.estimation.search_context import OnProgress, SearchContext
-from sma_sim.evidence.model_selection.criteria import CRITERIA
+from sma_sim.evidence.model_selection.criteria import UNEXPLAINED
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fits, report_model
 from sma_sim.evidence.search.beam import search
 from sma_sim.evidence.search.confounding import Confounding, SimilarEffect, confoundings, most_similar
@@ -126,7 +126,7 @@ class Diagnosis(Shown, Saved):
     by_held_out_run: Mapping[str, HeldOutVerdict] = field(default_factory=dict)
     similar: SimilarEffect | None = None
     differences: tuple[RecordingDifference, ...] = ()
-    limit: float = CRITERIA.unexplained
+    limit: float = UNEXPLAINED
     together: Diagnosis | None = None
     search_ended: bool = True
     set_up: tuple[Fault, ...] = ()
@@ -173,11 +173,6 @@ class Diagnosis(Shown, Saved):
     def nominal(self) -> ModelStage:
         """The model without further effects."""
         return next(stage for stage in self.stages if stage.kind == 'nominal')
-
-    @property
-    def with_known_effects(self) -> ModelStage:
-        """The last model without a proposed formula."""
-        return [stage for stage in self.stages if stage.kind != 'formula'][-1]
 
     def change(self, kind: StageKind, effect: str = '') -> tuple[ModelStage, ModelStage] | None:
         """The stages before and after a change of some kind, of an effect if one is named; None where there was none."""

@@ -94,16 +94,11 @@ def stage_change(before: ModelStage, after: ModelStage, training: Dataset, held_
     out = held_out is not None and predicted
     dataset = held_out if held_out is not None and out else training
     first, then = (one.predicted if out else one.calibration.runs for one in (before, after))
-    channel = most_changed(before, after, out)
+    errors, left = (one.held_out_channel_errors if out else one.channel_errors for one in (before, after))
+    channel = max((name for name in errors if name in left), key=lambda name: errors[name] ** 2 - left[name] ** 2)
     worst = max((fit for fit in first if channel in fit.channel_errors), key=lambda fit: fit.channel_errors[channel])
     same = next(fit for fit in then if fit.name == worst.name)
     k = [recording.name for recording in dataset.recordings].index(worst.name)
     run_before = compared_run(dataset, k, before.config, nuisances_of(before.calibration.delay, first))
     run_after = compared_run(dataset, k, after.config, nuisances_of(after.calibration.delay, then))
     return StageChange(channel, out, run_before, run_after, (worst.channel_errors[channel], same.channel_errors[channel]))
-
-
-def most_changed(before: ModelStage, after: ModelStage, out: bool) -> str:
-    """The channel whose squared error over noise decreased most."""
-    first, then = (one.held_out_channel_errors if out else one.channel_errors for one in (before, after))
-    return max((name for name in first if name in then), key=lambda name: first[name] ** 2 - then[name] ** 2)

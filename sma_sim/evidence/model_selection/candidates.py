@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from itertools import chain, product
 from pathlib import Path
 
-from sma_sim.evidence.model_selection.criteria import CRITERIA
 from sma_sim.model.config import Config
 from sma_sim.model.effects.conversion import effect_on
 from sma_sim.model.effects.discovery import ActiveEffect, find_effects
@@ -16,6 +15,9 @@ from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.meaning import is_tried
 from sma_sim.model.parameters import Parameter
 from sma_sim.model.renamed import renamed
+
+FRACTIONS = (1 / 6, 1 / 2, 5 / 6)  # of a realistic range without a neutral value, where it is probed: centres of its thirds
+PROBE_FRACTION = 0.3  # of a realistic range that begins at neutral: a step that shows, and is still in the linear part
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +93,7 @@ def candidate_at(
     strengths = [p for p in (effect.parameters if probed is None else probed) if p.neutral is not None]
     every, families = list(shapes), list[tuple[Probe, ...]]()
     for k, shape in enumerate(every):
-        fractions = CRITERIA.fractions if k == len(every) // 2 else CRITERIA.fractions[1:2]
+        fractions = FRACTIONS if k == len(every) // 2 else FRACTIONS[1:2]
         sizes = dict.fromkeys(tuple((p, step) for p in strengths for step in steps_of(p, part)) for part in fractions)
         families += [tuple(Probe(p.name, float(p.neutral or 0.0), step, shape) for p, step in size) for size in sizes]
     return Candidate(effect, tuple(family for family in families if family))
@@ -128,7 +130,7 @@ def shape_values(parameter: Parameter) -> list[float]:
     """Values of a parameter that is undefined while the effect is off: a grid over its realistic range."""
     if parameter.realistic is None:
         return [parameter.default]
-    return [interpolated(*parameter.realistic, fraction) for fraction in CRITERIA.fractions]
+    return [interpolated(*parameter.realistic, fraction) for fraction in FRACTIONS]
 
 
 def steps_of(parameter: Parameter, fraction: float) -> list[float]:
@@ -143,7 +145,7 @@ def steps_of(parameter: Parameter, fraction: float) -> list[float]:
         return [interpolated(low - neutral, high - neutral, fraction)]
     if high < neutral:
         return [-interpolated(neutral - high, neutral - low, fraction)]
-    return [CRITERIA.probe_fraction * (end - neutral) for end in (high, low) if end != neutral]
+    return [PROBE_FRACTION * (end - neutral) for end in (high, low) if end != neutral]
 
 
 def interpolated(low: float, high: float, fraction: float) -> float:

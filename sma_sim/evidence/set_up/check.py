@@ -41,7 +41,7 @@ from sma_sim.evidence.estimation.residuals import FitData, simulated
 from sma_sim.evidence.estimation.run_subset import chosen_runs, on_all_runs
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import NOMINAL_MODEL, WEAKLY_DAMPED
-from sma_sim.evidence.model_selection.criteria import CRITERIA
+from sma_sim.evidence.model_selection.criteria import NOISE_ONLY
 from sma_sim.evidence.model_selection.score_tests import ScoreTests
 from sma_sim.evidence.search import propose
 from sma_sim.evidence.search.components import catalogue_for
@@ -80,7 +80,7 @@ class Step:
     @property
     def leaves_noise(self) -> bool:
         """Whether nothing but noise is left without the fault."""
-        return self.after.fit.error <= CRITERIA.noise_only
+        return self.after.fit.error <= NOISE_ONLY
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ def noise_after_search(
 ) -> tuple[Fault, ...]:
     """A noise that is stated too large, of channels of which that is not known yet: the best model leaves less, where what
     the nominal one lacked hid that."""
-    if best.error * CRITERIA.noise_only >= 1.0:
+    if best.error * NOISE_ONLY >= 1.0:
         return ()
     known = {name for fault in faults if fault.kind == 'noise' for name in fault.quantities}
     names = {run.name for run in best.problem.runs}
@@ -345,7 +345,7 @@ def best_step(problem: Problem, proposals: Sequence[Proposal], context: SearchCo
         model = fitted(without_fault(problem, one.fault), context, target)
         known += [] if model is None else [(one, model)]
         target = min((other.fit.cost + WINDOW * other.evidence.overdispersion**2 for _, other in known), default=inf)
-        if model is not None and model.fit.error <= CRITERIA.noise_only:
+        if model is not None and model.fit.error <= NOISE_ONLY:
             break  # no other one leaves less
     if not known or context.stop.is_set():
         return None
@@ -681,7 +681,7 @@ def wrong_noise(problem: Problem, residuals: Sequence[Rows], dataset: Dataset, i
             continue
         found = [scale[name][0] for scale in by_order if name in scale]
         least = float(np.exp(sqrt(2.0 * SCATTER * (WINDOW + SPARSITY) / count)))
-        limit = max(CRITERIA.noise_only, least)
+        limit = max(NOISE_ONLY, least)
         if name in at_rest and at_rest[name].std > limit:
             sizes[name] = at_rest[name].std, count
             continue

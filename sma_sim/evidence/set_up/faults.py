@@ -19,7 +19,7 @@ from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording
 from sma_sim.evidence.data.rounding import Rounding
 from sma_sim.evidence.data.train_test_split import apart, pooled
 from sma_sim.evidence.estimation.residuals import FitData
-from sma_sim.evidence.model_selection.criteria import CRITERIA
+from sma_sim.evidence.model_selection.criteria import NOISE_ONLY
 from sma_sim.model.shown import joined_words
 from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.inputs import Input, inputs_at
@@ -372,7 +372,7 @@ def noise_factors(dataset: Dataset, fault: Fault) -> dict[str, float]:
         if name in seen and stated[name] > 0.0 and name not in dataset.floor
     }
     if fault.kind == 'unit':
-        return {name: ratio for name, ratio in ratios.items() if max(ratio, 1.0 / ratio) > CRITERIA.noise_only}
+        return {name: ratio for name, ratio in ratios.items() if max(ratio, 1.0 / ratio) > NOISE_ONLY}
     if len(ratios) < len(fault.quantities):
         return {}
     first, second = fault.quantities

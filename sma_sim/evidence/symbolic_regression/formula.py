@@ -240,9 +240,8 @@ def as_candidate(fit: TermFit, on: Structure, copy: int = 0) -> ScreeningResult:
     declared = {name: replace(p, name=name) for name, p in zip(names, Formula((fit,), on).parameters, strict=True)}
     effect = universal.effect
     parameters = tuple(declared.get(p.name, replace(p, default=values.get(p.name, p.default))) for p in effect.parameters)
-    return ScreeningResult(
-        Candidate(effect.derived(parameters=parameters), ()), fit.error_reduction, {name: values[name] for name in declared}
-    )
+    candidate = Candidate(effect.derived(parameters=parameters), ())
+    return ScreeningResult(candidate, fit.error_reduction, {name: values[name] for name in declared})
 
 
 def as_fitted(fit: TermFit, effect: str, fitted: FitResult) -> TermFit:

@@ -10,7 +10,6 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sma_sim.compiler.effect_kernels import coordinate_fields
 from sma_sim.evidence.estimation.fit_result import FitResult
@@ -19,7 +18,7 @@ from sma_sim.evidence.symbolic_regression.locations import Location
 from sma_sim.evidence.symbolic_regression.term_fits import LinearizedFit, TermTrial
 from sma_sim.evidence.symbolic_regression.term_library import HAT_FUNCTION
 from sma_sim.evidence.symbolic_regression.visited_states import VisitedStates, term_values
-from sma_sim.model.arrays import Vector
+from sma_sim.model.arrays import Matrix, Vector
 
 NODES_PER_RUN = 25  # hat functions: points of a run in the plot
 NOT_DRAWN = ('memory', 'constant', 'deps', 'dx')  # variables that are no axis of a plot
@@ -111,9 +110,7 @@ def formula_values(formula: Formula, states: VisitedStates) -> Vector:
     return values
 
 
-def hat_responses(
-    linearized: LinearizedFit, locations: list[Location], nodes: list[Vector], size: float
-) -> NDArray[np.float64]:
+def hat_responses(linearized: LinearizedFit, locations: list[Location], nodes: list[Vector], size: float) -> Matrix:
     """What each hat function changes in the residuals, (locations x runs x NODES_PER_RUN, N)."""
     ends = np.cumsum([0, *(run.residuals.size for run in linearized.linear)])
     columns = []

@@ -176,10 +176,8 @@ def responses_at(linearized: LinearizedFit, location: Location, trials: Sequence
     columns = [along(trial, linearized.ranges(location).visited) for trial in trials]
     if location.hook != 'sensing':
         return by_combination(simulated, columns)
-    visited, channels = (
-        linearized.runs.visited(location, every_sample=True),
-        [len(run.residuals) for run in linearized.linear],
-    )
+    visited = linearized.runs.visited(location, every_sample=True)
+    channels = [len(run.residuals) for run in linearized.linear]
     return by_product(simulated, columns, [along(trial, visited, channels) for trial in trials])
 
 
@@ -261,7 +259,6 @@ class VisitedRanges:
     visited: Sequence[VisitedStates]
     length: float
     frequencies: tuple[float, ...]
-
     known: dict[str, tuple[float, float]] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def range_of(self, variable: str) -> tuple[float, float]:

@@ -120,7 +120,7 @@ def held_out_blocks(diagnosis: Diagnosis) -> list[Block]:
 def reduction_figure(diagnosis: Diagnosis, given: tuple[float, float] | None = None) -> object:
     """Normalized RMSE of the model as it was `given` (fitted, held-out runs) and by stage, down to the noise."""
     stages = diagnosis.stages
-    labels = [f'{stage_label(*pair)}<br>({pair[0].model})' for pair in zip(stages, (None, *stages), strict=False)]
+    labels = [f'{stage_label(*pair)}<br>({pair[0].kinetics})' for pair in zip(stages, (None, *stages), strict=False)]
     fitted, held_out = [stage.train for stage in stages], [stage.held_out for stage in stages]
     if given is not None:
         labels, fitted, held_out = ['your model,<br>as given', *labels], [given[0], *fitted], [given[1], *held_out]
