@@ -111,7 +111,6 @@ def pytest_collection_modifyitems(config, items):
 def interpreted(monkeypatch):
     """Call a function with numba switched off; models that it makes are plain Python too."""
     from sma_sim.compiler import effect_kernels, structure_kernels
-    from sma_sim.solver import model
 
     kept = []  # the addresses of its functions are in use
 
@@ -132,7 +131,7 @@ def interpreted(monkeypatch):
             patch.setattr(effect_kernels, 'carray', numbers_at)
             patch.setattr(structure_kernels, 'carray', numbers_at)
             patch.setattr(effect_kernels, '_native_effect', uncached(effect_kernels._native_effect))
-            patch.setattr(model, 'native_structure', uncached(structure_kernels.native_structure))
+            patch.setattr(structure_kernels, '_native_structure', uncached(structure_kernels._native_structure))
             return function(*arguments)
 
     return run

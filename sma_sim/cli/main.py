@@ -128,3 +128,7 @@ def parser_for(words: list[str]) -> argparse.ArgumentParser:
         else:
             add_command(verbs, name)
     return parser
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 
 import llvmlite
 import numba
+import numpy as np
 from numba.core import types
 from numba.extending import intrinsic
 
@@ -39,6 +40,7 @@ _one_at_a_time = RLock()
 _PACKAGE = Path(__file__).resolve().parent.parent
 _COMPILED_FOLDERS = ('model', 'compiler', 'solver')
 OWN = ('sma_sim.',)
+LIBRARIES = (*OWN, 'math', 'numba', 'numpy', 'scipy')  # what is in them is that of a version, or of our own sources
 # Large functions that are called from several others; the rest is inlined where it is called.
 OUT_OF_LINE = (
     'update_flow',
@@ -133,23 +135,38 @@ def content_key(*paths: Path, code: str = '') -> str:
 
 
 def code_of(*functions: Callable[..., Any] | None) -> str:
-    """What functions that no known file holds do, as text: their code, and the constants and functions that they use."""
+    """What functions that no known file holds do, as text: their code, and the constants and functions that they use. These
+    are part of native code as they were when it was compiled."""
     parts: list[str] = []
     pending, seen = [function for function in functions if function is not None], set[Any]()
     while pending:
         python = pending.pop()
-        if python in seen or not isinstance(python, FunctionType) or python.__module__.startswith(OWN):
+        if python in seen or not isinstance(python, FunctionType) or str(python.__module__).startswith(LIBRARIES):
             continue
         seen.add(python)
-        code = python.__code__
-        parts.append(text_of(code))
-        cells = [cell.cell_contents for cell in python.__closure__ or ()]
-        for value in (*cells, *(python.__globals__.get(name) for name in code.co_names)):
+        names = names_in(python.__code__)
+        modules = [one for name in names if isinstance(one := python.__globals__.get(name), ModuleType)]
+        parts.append(text_of(python.__code__))
+        used = [
+            *(cell.cell_contents for cell in python.__closure__ or ()),
+            *(python.__defaults__ or ()),
+            *(python.__globals__.get(name) for name in names),
+            *(vars(one).get(name) for one in modules if not one.__name__.startswith(LIBRARIES) for name in names),
+        ]
+        for value in used:
             if isinstance(value, FunctionType):
                 pending.append(value)
-            elif isinstance(value, int | float | str | tuple):
+            elif isinstance(value, np.ndarray):
+                parts.append(f'{value.dtype} {value.shape} {value.tobytes().hex()}')
+            elif isinstance(value, complex | float | int | str | tuple | np.generic):
                 parts.append(repr(value))
     return '\n'.join(parts)
+
+
+def names_in(code: CodeType) -> list[str]:
+    """The names that a code object and those within it look up."""
+    inner = (one for one in code.co_consts if isinstance(one, CodeType))
+    return [*code.co_names, *(name for one in inner for name in names_in(one))]
 
 
 def text_of(code: CodeType) -> str:
@@ -160,7 +177,7 @@ def text_of(code: CodeType) -> str:
 
 def compiled_with(files: Iterable[Path], *functions: Callable[..., Any] | None) -> tuple[str, ...]:
     """Prefixes of the modules whose functions are compiled with kernels: this package's, their own, those in their files."""
-    modules = {function.__module__.partition('.')[0] for function in functions if function is not None}
+    modules = {str(function.__module__).partition('.')[0] for function in functions if function is not None}
     return (*OWN, *sorted(modules - {_PACKAGE.name}), *(file.stem for file in files))
 
 
@@ -226,7 +243,7 @@ def reachable(*roots: Callable[..., Any]) -> set[Callable[..., Any]]:
         if python not in found and python not in INTRINSICS:
             found.add(python)
             named = (python.__globals__.get(name) for name in python.__code__.co_names)
-            pending += [f for f in named if isinstance(f, FunctionType) and f.__module__.startswith(OWN)]
+            pending += [f for f in named if isinstance(f, FunctionType) and str(f.__module__).startswith(OWN)]
     return found
 
 
@@ -268,12 +285,12 @@ class Compiler:
         namespace = dict(python.__globals__)
         for name in python.__code__.co_names:
             callee = namespace.get(name)
-            if isinstance(callee, FunctionType) and (callee in more or callee.__module__.startswith(self._owned)):
+            if isinstance(callee, FunctionType) and (callee in more or str(callee.__module__).startswith(self._owned)):
                 namespace[name] = self._callee(callee)
             elif isinstance(callee, ModuleType) and callee.__name__.startswith(self._owned):
                 namespace[name] = self._compiled_module(callee, python.__code__.co_names)
         twin = FunctionType(python.__code__, namespace, python.__name__, python.__defaults__, python.__closure__)
-        twin.__module__ = python.__module__
+        twin.__module__ = python.__module__ or __name__  # what `exec` has made may have none
         twin.__qualname__ = python.__qualname__
         return twin
 

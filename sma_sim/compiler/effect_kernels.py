@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from itertools import count, islice
 from types import FunctionType
@@ -65,18 +65,20 @@ def native_effect(effect: Effect, on: Structure | None = None) -> NativeEffect:
         on = MODULE
     if on is not None and (plain.by_channel or plain.each_bundle or plain.in_space or plain.kernels):
         plain = effect_on(plain, on)
-    return _native_effect(plain, on)
+    called = [function_of(on, name) for name in FUNCTIONS] if on else []
+    functions = (plain.kernel, plain.rate, plain.start, *called)
+    return _native_effect(plain, on, functions, code_of(*functions))
 
 
 @cache
-def _native_effect(effect: Effect, on: Structure | None) -> NativeEffect:
+def _native_effect(
+    effect: Effect, on: Structure | None, functions: tuple[Callable[..., Any] | None, ...], code: str
+) -> NativeEffect:
     check_fields(effect)
     if effect.is_own:
         warn_of_old_names(effect)
     files = (*effect.files, *(on.files if on else ()))
-    called = [function_of(on, name) for name in FUNCTIONS] if on else []
-    functions = (effect.kernel, effect.rate, effect.start, *called)
-    compiler = Compiler(content_key(*files, code=code_of(*functions)), compiled_with(files, *functions))
+    compiler = Compiler(content_key(*files, code=code), compiled_with(files, *functions))
     kinds = kernel_types(effect, on)
     states = len(effect.states)
     built: list[Any] = []

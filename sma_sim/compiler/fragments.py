@@ -186,5 +186,5 @@ def fragment(python: Callable[..., Any], inlined: bool) -> Any:
         'no_cpython_wrapper': True,
         'no_cfunc_wrapper': True,
     }
-    compiler = OwnFragmentCompiler if python.__module__.startswith('sma_sim.') else FragmentCompiler
+    compiler = OwnFragmentCompiler if str(python.__module__).startswith('sma_sim.') else FragmentCompiler
     return Fragment(python, targetoptions=options, pipeline_class=compiler)

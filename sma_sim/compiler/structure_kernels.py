@@ -49,18 +49,24 @@ class Kernel(NamedTuple):
     in_tuple: bool
 
 
-@cache
 def native_structure(structure: Structure) -> NativeStructure:
     """Compile the kernels of a structure, or load them when these very sources were compiled before.
 
     Raises StructureError where one fails, cannot be compiled, returns another number of values, or where a gradient is not
     that of the lengths.
     """
+    one = segment_of(structure)
+    functions = (one.lengths, one.gradients, one.strain, one.forces, structure.accelerations)
+    return _native_structure(structure, code_of(*functions))
+
+
+@cache
+def _native_structure(structure: Structure, code: str) -> NativeStructure:
     if not structure.coordinates:
         return NativeStructure(None, None, None)
     kernels = checked_kernels(structure)
     functions = [kernel.python for kernel in kernels.values()]
-    compiler = Compiler(content_key(*structure.files, code=code_of(*functions)), compiled_with(structure.files, *functions))
+    compiler = Compiler(content_key(*structure.files, code=code), compiled_with(structure.files, *functions))
     texts = (kinematics_text(structure, kernels), speeds_text(structure), motion_text(structure, kernels))
     return NativeStructure(*(compiled(structure, text, kernels, compiler) for text in texts))
 

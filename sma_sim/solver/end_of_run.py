@@ -4,24 +4,27 @@ from __future__ import annotations
 
 import warnings
 from contextlib import suppress
+from itertools import product
 
 import numpy as np
 
 from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.effects.meaning import idle_effects
+from sma_sim.model.effects.ports import call_effect
 from sma_sim.model.errors import PhysicsWarning
-from sma_sim.model.layout import O_S_A, O_S_M, Evaluation, InputPoint
+from sma_sim.model.layout import O_S_A, O_S_M, Evaluation, InputPoint, System
 from sma_sim.model.material import heat_capacity
 from sma_sim.model.system import flow
 from sma_sim.model.unit_mismatch import mismatch_of
-from sma_sim.solver.effect_table import own_scratch
+from sma_sim.solver.effect_table import acting_order, own_scratch
 from sma_sim.solver.inputs import Input
-from sma_sim.solver.integrate import COMPLETED, RATE_NOT_FINITE, REASONS, STALLED, STEP_UNDERFLOW, Run
+from sma_sim.solver.integrate import COMPLETED, NOT_FINITE, RATE_NOT_FINITE, REASONS, STALLED, STEP_UNDERFLOW, Run
 from sma_sim.solver.model import Model, new_findings
 
 NARROW = 1e5  # [Pa]: a hysteresis that has nearly closed
 MELTING_POINT = 1583.0  # [K] of NiTi: 1310 deg C (Massalski, Binary Alloy Phase Diagrams, 1990)
+LATER = (0.0, *(sign * 10.0**k for k in (-6, -4, -2, 0) for sign in (1.0, -1.0)))  # [s]: about the lengths of steps
 NO_CAPACITY = 0.1  # of a wire's own, where a run that cannot go on is said to lack it
 
 
@@ -30,6 +33,10 @@ def stop_reason(status: int, model: Model, run: Run) -> str:
     p = model.compiled
     if status != COMPLETED and (lost := lost_stability(model, run)):
         return lost
+    if status in (NOT_FINITE, RATE_NOT_FINITE) and (names := effects_without_number(model, run)):
+        return (
+            f'{REASONS[status].partition(":")[0]}: {" and ".join(names)} returns none; check its kernel and its parameters'
+        )
     if status in (STALLED, STEP_UNDERFLOW, RATE_NOT_FINITE) and p.mas and (odd := odd_hysteresis(model, run)):
         return f'stalled: {odd}' if status == STALLED else odd
     for i in range(p.wires):
@@ -57,15 +64,46 @@ def lost_stability(model: Model, run: Run) -> str:
     return ''
 
 
+def effects_without_number(model: Model, run: Run) -> list[str]:
+    """The effects whose values or rates are no finite numbers where a run has ended, or else moments later or before."""
+    active = [one.effect for one in model.config.effects]
+    effects = [active[k] for k in acting_order(active, model.structure)]
+    for later in LATER:
+        p, y, _ = evaluated(model, run, later)
+        e, found = p.effects, []
+        for k, effect in enumerate(effects):
+            instances = range(p.wires if e.row[k] < 0 else 1)
+            for kernel, instance in product((e.value[k], e.rate[k]), instances if effect.port != 'sensing' else ()):
+                e.out.fill(0.0)
+                if kernel:
+                    call_effect(kernel, k, instance, y, e)
+                if not np.isfinite(e.out).all():
+                    found.append(f'effect {effect.name}')
+        if found:
+            return list(dict.fromkeys(found))
+    return []
+
+
+def evaluated(model: Model, run: Run, later: float = 0.0) -> tuple[System, Vector, Evaluation]:
+    """The system, its states and what the flow makes of them without heating, as plain Python, where a run has ended, or so
+    much `later` [s]."""
+    p, state = own_scratch(model.compiled), run.state._replace(y=run.state.y.copy())
+    inputs = np.zeros(len(model.structure.input_columns))
+    inputs[-1] = model.config.parameters['environment.T_E']
+    point, found = InputPoint(inputs, np.zeros_like(inputs)), Evaluation(np.zeros_like(state.y), new_findings(p))
+    found.obs.fill(np.nan)
+    # the stresses of a wire are known by the time at which its rates overflow
+    with suppress(OverflowError, ZeroDivisionError), np.errstate(all='ignore'):
+        if later:
+            flow(0.0, state, point, p, found.dy, found.obs)
+            state.y[:] += later * np.nan_to_num(found.dy)
+        flow(0.0, state, point, p, found.dy, found.obs)
+    return p, state.y, found
+
+
 def odd_hysteresis(model: Model, run: Run) -> str:
     """What is wrong with the transformation stresses of a wire, where the MAS rates cannot be followed; empty if nothing."""
-    p, y = model.compiled, run.state.y
-    no_input = np.zeros(len(model.structure.input_columns))
-    point, found = InputPoint(no_input, no_input), Evaluation(np.zeros_like(y), new_findings(p))
-    found.obs.fill(np.nan)
-    # as plain Python; the stresses of this wire are known by then
-    with suppress(OverflowError, ZeroDivisionError), np.errstate(all='ignore'):
-        flow(0.0, run.state, point, own_scratch(p), found.dy, found.obs)
+    p, _, found = evaluated(model, run)
     dsigma, eps_T = (model.config.parameters[f'wire.{name}'] for name in ('dsigma', 'eps_T'))
     for i in range(p.wires):
         s_A, s_M = found.obs[i, O_S_A], found.obs[i, O_S_M]

@@ -349,6 +349,7 @@ def test_driver_of_limited_rate_lags_without_a_limit():
     [
         ({'port': 'wire_heating'}, 'expected one of actuation, wire_heat'),
         ({'states': ('z',)}, 'states need a rate and one scale each'),
+        ({'states': ('z',), 'rate': len, 'scale': (0.0,)}, 'one scale each, above 0'),
         ({'port': 'sensing'}, 'expected one of misalignment, gain'),
     ],
 )

@@ -8,6 +8,7 @@ import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import ModuleType
 from typing import NamedTuple
 
 import compiled_helpers as helpers
@@ -17,7 +18,7 @@ import pytest
 from compiled_helpers import doubled
 from numba.core import typed_passes, untyped_passes
 
-from sma_sim import Input, Model, simulate
+from sma_sim import Config, Effect, Input, Model, Parameter, module_input, simulate
 from sma_sim.cli.main import main
 from sma_sim.compiler.by_reference import is_large, size_of
 from sma_sim.compiler.compile import (
@@ -25,6 +26,7 @@ from sma_sim.compiler.compile import (
     Compiler,
     cache_folder,
     carray,
+    code_of,
     content_key,
     first_lines_of,
     is_compiled,
@@ -277,6 +279,46 @@ def test_another_source_is_compiled_anew(tmp_path):
         file.write_text(text, encoding='utf-8')
         keys.add(content_key(file))
     assert len(keys) == 2 and content_key() not in keys
+
+
+USES = {
+    'default': 'def kernel(s, w, p, c=c): return -c * p.k * (s.T - s.T_E)',
+    'global': 'def kernel(s, w, p): return -c * p.k * (s.T - s.T_E)',
+    'array': 'def kernel(s, w, p): return -a[1] * p.k * (s.T - s.T_E)',
+    'module': 'def kernel(s, w, p): return -m.c * p.k * (s.T - s.T_E)',
+    'function': 'def inner(x): return c * x\ndef kernel(s, w, p): return -inner(p.k * (s.T - s.T_E))',
+    'inner function': 'def kernel(s, w, p): return -(lambda x: c * x)(p.k * (s.T - s.T_E))',
+}
+
+
+def kernel_with(c, use, module='notebook'):
+    namespace = {'c': c, 'a': np.array([0.0, c]), 'm': ModuleType('constants'), '__name__': module}
+    namespace['m'].c = c
+    exec(USES[use], namespace)
+    return namespace['kernel']
+
+
+@pytest.mark.parametrize('use', USES)
+def test_code_of_a_kernel_tells_what_it_uses(use):
+    assert code_of(kernel_with(1.0, use)) == code_of(kernel_with(1.0, use)) != code_of(kernel_with(10.0, use))
+
+
+def test_a_kernel_has_what_it_uses_as_it_is_at_each_run():
+    """Also where it was compiled with other values, in this program or before, and where it belongs to no module."""
+    command, k = module_input([0.0, 4.0], [10.0, 10.0]), Parameter('k', 2e-3, 'W/K', (0.0, 1.0), 'loss', neutral=0.0)
+
+    def warmth(kernel):
+        loss = Effect(name='loss', port='wire_heat', equation='Q', source='a test', parameters=(k,), kernel=kernel)
+        return [simulate(Model(Config(effects=[loss()])), command, 2.0)['T_1_K'][-1] for _ in later(kernel)]
+
+    def later(kernel):
+        yield
+        kernel.__globals__['c'] = 10.0
+        yield
+
+    little, much = (warmth(kernel_with(c, 'default', None))[0] for c in (1.0, 10.0))
+    assert little > much + 5.0
+    assert warmth(kernel_with(1.0, 'global')) == [little, much]
 
 
 def test_sources_of_native_code_keep_their_time(tmp_path):

@@ -1,5 +1,6 @@
 """Why a run ends and where it starts, at the limits of each reason; what is shown of wires that all but rest."""
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -9,7 +10,8 @@ from scipy.optimize import brentq
 from systems import WHOLE_ROWS, active, evaluate, make_model
 from test_stack import stack
 
-from sma_sim import Config, Input, Model, module_input, simulate
+import sma_sim
+from sma_sim import Config, Effect, Input, Model, Parameter, module_input, simulate
 from sma_sim.compiler.compile import package_compiler
 from sma_sim.model.automaton import AUSTENITE, INNER, MARTENSITE
 from sma_sim.model.layout import O_DX, O_EPS, O_LENGTH, O_S_A, O_S_M, O_SIGMA, O_X, Evaluation, InputPoint, SystemState
@@ -92,6 +94,22 @@ def test_a_reason_is_found_without_a_warning_where_rates_are_not_finite(recwarn)
         run.state.y[model.compiled.first_x] = x
         assert stop_reason(RATE_NOT_FINITE, model, run)
     assert not recwarn.list
+
+
+@pytest.mark.parametrize(
+    'declared',
+    [
+        {'kernel': lambda s, w, p: math.nan},
+        {'kernel': lambda s, w, p: p.k * np.sqrt(310.0 - s.T)},
+        {'kernel': lambda s, w, p, m: p.k * m.a, 'states': ('a',), 'scale': (1.0,), 'rate': lambda s, w, p, m: math.nan},
+    ],
+)
+def test_an_effect_that_is_no_number_is_named(declared):
+    k = Parameter('k', 1e-3, 'W/K', (0.0, 1.0), 'rate', neutral=0.0)
+    fin = Effect(name='fin', port='wire_heat', equation='Q', source='a test', parameters=(k,), **declared)
+    command = module_input([0.0, 2.0, 15.0], [0.0, 10.0, 10.0])
+    run = simulate(Model(Config(effects=[sma_sim.effects.gravity(), fin()])), command, 4.0)
+    assert not run.completed and 'effect fin returns none' in run.reason and 'gravity' not in run.reason
 
 
 def test_stresses_without_a_barrier_between_phases_are_named():

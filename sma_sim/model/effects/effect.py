@@ -230,8 +230,10 @@ class Effect:
             return f'port {self.port!r}; expected one of {", ".join(PORT_NAMES)}'
         if self.tried not in TRIED:
             return f'tried {self.tried!r}; expected one of {", ".join(TRIED)}'
-        if self.states and (self.rate is None or len(self.scale) != len(self.states)):
-            return 'states need a rate and one scale each'
+        if self.states and (
+            self.rate is None or len(self.scale) != len(self.states) or not all(x > 0.0 for x in self.scale)
+        ):
+            return 'states need a rate and one scale each, above 0'
         for need in self.needs:
             if need not in NEEDS or self.port != 'structure_force':
                 return f'needs {need!r} on {self.port}; expected some of {", ".join(NEEDS)}, on structure_force only'
@@ -265,7 +267,7 @@ class Effect:
     @property
     def is_own(self) -> bool:
         """Whether its kernel is not of this package."""
-        return not self.kernel.__module__.startswith('sma_sim.')
+        return not str(self.kernel.__module__).startswith('sma_sim.')
 
     def derived(self, **changes: Any) -> Effect:
         """The effect in other words, on another structure or in a scope: it shares the kernels of the declared one."""
