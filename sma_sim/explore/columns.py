@@ -8,10 +8,11 @@ from typing import Any
 import yaml
 
 from sma_sim.evidence.data.column_map import ColumnMap, Origin, read_column_map
-from sma_sim.evidence.data.foreign_columns import UNITS, likely_column, unit_of
+from sma_sim.evidence.data.foreign_columns import likely_column
 from sma_sim.evidence.data.recording import NEEDED_COLUMNS
 from sma_sim.evidence.data.rosbag.bag_files import is_bag
 from sma_sim.evidence.data.sources import COLUMNS_BY_SYSTEM, recordings_in
+from sma_sim.evidence.data.stated_units import UNITS, unit_of
 from sma_sim.evidence.data.tables import read_header
 from sma_sim.explore.request_values import number, text
 from sma_sim.model.errors import UserError
@@ -88,8 +89,9 @@ def chosen(name: str, origin: Origin) -> dict[str, Any]:
 
 
 def guess(name: str, header: Sequence[str]) -> dict[str, Any]:
-    """The column of a file that is most likely one of ours; an empty name where none is like it."""
-    return choice(*likely_column(name, header))
+    """The column of a file that is most likely one of ours; an empty name where none is like it, or in a known unit."""
+    column, unit = likely_column(name, header)
+    return choice(column, unit) if unit in UNITS[unit_of(name)] else choice('', unit_of(name))
 
 
 def map_text(given: Any, request: DataRequest, system: str) -> str:

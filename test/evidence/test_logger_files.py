@@ -180,7 +180,7 @@ READ = {  # content, map, what is said
                 f'{k + 1},07/31/2026 21:16:{int(9 + t):02d}:{round(1000 * (t % 1)):03d},{p:+.6E},0,{x:+.12E},0'
             )
         ),
-        'time_s: Time\nJ_W: 101 (VDC)\nposition_m: 102 (VDC)\n',
+        'time_s: Time\nJ_W: {column: 101 (VDC), scale: 1}\nposition_m: {column: 102 (VDC), scale: 1}\n',
         'columns not used: Scan, Alarm 101',
     ),
     'diadem': (
@@ -191,7 +191,7 @@ READ = {  # content, map, what is said
     'units in words': (
         'Time;Power;Way\nSekunden;Watt;Meter\n' + rows(lambda _, t, p, x: f'{t:.2f};{p};{x:.12f}'),
         FOREIGN,
-        "among them 'Sekunden Watt Meter'",
+        'the row of units is no sample',
     ),
     'times of day over midnight': ('Time,Power,Way\n' + rows(over_midnight), FOREIGN, 'starts again after 86400 s'),
     'a date beside times of day': (

@@ -41,7 +41,7 @@ class Origin:
     recording by `zero_std` and drifts by `drift_std` within one, and repeated experiments differ by `floor`. The noise is
     that of each row where `std` is the column that holds it, in its unit; `relative_std` times the size adds to it.
     Time of a quasi-static test, in which nobody noted it, comes from a column that changed by `pace` per second; of regular
-    rows without a time, from their `interval` [s].
+    rows without a time, from their `interval` [s]. `has_unit`: the map says `scale` or `offset`, whatever a table states.
     """
 
     column: str | None
@@ -60,6 +60,7 @@ class Origin:
     std: str | None = None
     relative_std: float = 0.0
     time: str | None = None
+    has_unit: bool = False
 
     @property
     def converts(self) -> bool:
@@ -235,6 +236,7 @@ def parsed_origin(path: Path, name: str, entry: Any, names: Sequence[str]) -> Or
         std=others.get(STD),
         time=others.get(TIME),
         where=rows_where(where, entry),
+        has_unit='scale' in entry or 'offset' in entry,
     )
     known: dict[str, Any] = {**numbers}
     return replace(origin, **known)

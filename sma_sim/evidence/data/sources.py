@@ -14,21 +14,14 @@ import numpy as np
 
 from sma_sim.evidence.data.cells import CellLayout, read_cells, text_blocks
 from sma_sim.evidence.data.column_map import ColumnMap, Origin, column_in_si, column_origins
-from sma_sim.evidence.data.foreign_columns import (
-    SPELLINGS,
-    UNITS,
-    declared_unit,
-    hint_for,
-    hint_for_all,
-    likely_column,
-    map_line,
-    unit_of,
-)
+from sma_sim.evidence.data.foreign_columns import hint_for, hint_for_all, likely_column
 from sma_sim.evidence.data.own_times import at_own_times, check_times
 from sma_sim.evidence.data.recording import HIDDEN_COLUMN, NEEDED_COLUMNS, STD_SUFFIX, OfSystems
 from sma_sim.evidence.data.rosbag.bag_files import is_bag
 from sma_sim.evidence.data.rosbag.commands import CommandLimits
-from sma_sim.evidence.data.table_format import TableFormat, cells_of_line, is_number, table_format
+from sma_sim.evidence.data.stated_units import stated_unit, unit_of
+from sma_sim.evidence.data.table_format import cells_of_line, is_number, table_format
+from sma_sim.evidence.data.table_units import check_stated_units
 from sma_sim.evidence.data.tables import MAX_NAMES
 from sma_sim.evidence.data.time_formats import counted_on, reader_of_column, without_clock_change, without_period
 from sma_sim.model.arrays import Vector
@@ -114,7 +107,6 @@ def read_csv_source(path: Path, system: str, mapping: ColumnMap) -> tuple[Column
     shared = {name: Origin(column) for name, column in shared_temperature(imposed, header).items()}
     origins = shared | column_origins(path, mapping, COLUMNS_BY_SYSTEM[system], header)
     check_complete(path, system, header, origins)
-    check_units(path, written, origins)
     check_clock(path, header, origins['time_s'])
     check_long_table(path, origins)
     needed = list(dict.fromkeys(column for entry in origins.values() for column in (*entry.columns, *dict(entry.where))))
@@ -123,6 +115,9 @@ def read_csv_source(path: Path, system: str, mapping: ColumnMap) -> tuple[Column
     conversions: dict[str, Callable[[str], float]] = {name: partial(label_index, known) for name, known in labels.items()}
     time = origins['time_s'].column
     reader = None if time is None else reader_of_column(path, written, header.index(time))
+    notes = written.notes()
+    in_units = {name: entry for name, entry in origins.items() if reader is None or name != 'time_s'}  # dates are in none
+    notes += check_stated_units(path, written, in_units)
     if time is not None and reader is not None:
         if origins['time_s'].converts:
             raise UserError(f'{path}, column {time}: dates need no scale; name the column in the map alone: time_s: {time}')
@@ -130,14 +125,14 @@ def read_csv_source(path: Path, system: str, mapping: ColumnMap) -> tuple[Column
     layout = CellLayout(path, needed, indices, written, tolerant=True, conversions=conversions)
     cells, cut = read_cells(layout)
     check_doubled(layout, cells)
-    notes = written.notes()
     notes += ['the last line is incomplete (cut, or without a line end): dropped'] if cut else []
     unused = [name for name in header if name and name not in needed and not HIDDEN_COLUMN.fullmatch(name)]
     if unused:
         notes.append(f'columns not used: {listed(unused, MAX_NAMES)}')
     if time is not None:
         notes += time_counted_on(path, cells[time], reader is not None)
-        if not origins['time_s'].converts and not likely_column('time_s', [time])[0] and (np.diff(cells[time]) == 1.0).all():
+        is_second = time == 'time_s' or origins['time_s'].converts or stated_unit('time_s', time, written.units)[0]
+        if not is_second and (np.diff(cells[time]) == 1.0).all():
             notes.append(
                 f'{time} goes on by 1 from row to row, taken as 1 s: if it numbers the rows, a map says how long one lasts'
             )
@@ -219,33 +214,6 @@ def check_header(path: Path, header: Sequence[str]) -> None:
     """Raise UserError for a file without names."""
     if all(is_number(name) for name in header):
         raise UserError(f'{path}, row 1: expected the names of the columns, got numbers: {",".join(header)[:60]}')
-
-
-def check_units(path: Path, written: TableFormat, origins: Mapping[str, Origin]) -> None:
-    """Raise UserError where the row of units, or the name of a foreign column, says another unit, and no map converts."""
-    for name, entry in origins.items():
-        factors = [written.units.get(column, '') for column in (entry.column, entry.times) if column]
-        prefixed = [unit for unit in factors if unit == '%' or unit in ('mA', 'mV', 'mW', 'mohm')]
-        if entry.times is not None and entry.scale == 1.0 and prefixed:
-            raise UserError(
-                f'{path}: the row of units says {prefixed[0]}, and {name} is a product without a scale; say one in the map: '
-                f'{name}: {{column: {entry.column}, times: {entry.times}, scale: {0.01 if prefixed[0] == "%" else 0.001:g}}}'
-            )
-        column, units = entry.column or '', UNITS[unit_of(name)]
-        if not column or entry.converts:
-            continue
-        in_name, given = declared_unit(column), written.units.get(column, '')
-        if in_name in units and not given:
-            where, unit = 'its name', in_name
-        else:
-            where, unit = 'the row of units', SPELLINGS.get(given, given)
-        if not unit or unit == '1' or units.get(unit) == (1.0, 0.0):
-            continue
-        how = map_line(name, column, unit) if unit in units else f'{name}: {{column: {column}, scale: FACTOR}}'
-        raise UserError(
-            f'{path}, column {column}: {where} says {given or unit}, expected {unit_of(name)} for {name}; a map (--map) '
-            f'can convert: {how}'
-        )
 
 
 def check_clock(path: Path, header: Sequence[str], time: Origin) -> None:

@@ -12,7 +12,7 @@ from itertools import islice
 from pathlib import Path
 from typing import IO
 
-from sma_sim.evidence.data.foreign_columns import SPELLINGS, UNITS
+from sma_sim.evidence.data.stated_units import known_unit
 from sma_sim.evidence.data.workbook import SUFFIX, WINDOWS, open_text
 from sma_sim.model.errors import UserError
 
@@ -25,9 +25,8 @@ COMMENT_LINE = re.compile(r'(?m)^[ \t]*(?:#(?!N/?A|NV|WERT!|BEZUG!|ZAHL!|NAME\?|
 EXCEL_SEPARATOR = re.compile(r'"?sep=."?')  # a first line that tells Excel the sign between cells
 # Signs that stand for a comma or a point that cannot belong to a number of the file, so that no cell with it is one.
 FOREIGN_COMMA, FOREIGN_POINT = '\u201a', '\u00b7'
-# Units of what no column of ours holds, and what data loggers write below the names of stamps, row numbers, samples, means.
-NO_UNITS = {'', '1', 'V', 'A', 'mA', 'mV', 'Volt', 'Volts', 'Ampere'}
-DESCRIPTIONS = {'TS', 'RN', 'Smp', 'Avg'}
+# What data loggers write below the names of stamps, row numbers, samples and means, and programs as types of numbers.
+DESCRIPTIONS = {'TS', 'RN', 'Smp', 'Avg', 'double', 'float', 'float64', 'int', 'int64'}
 HEAD = 200  # lines in which a table begins: headers of data loggers have up to about a hundred
 SAMPLES = 3  # rows of numbers that make a table
 UNIT_ROWS = 2  # between the names and the numbers at most
@@ -275,11 +274,11 @@ def cells_of_line(line: str, separator: str) -> list[str]:
 
 
 def are_units(cells: Sequence[str]) -> bool:
-    """Whether a row holds units, some of them in brackets, and no number."""
+    """Whether a row holds units, half of which at least are known or in brackets, and no number."""
     inner = [without_brackets(cell) for cell in cells]
-    known = {unit for units in UNITS.values() for unit in units} | set(SPELLINGS) | NO_UNITS | DESCRIPTIONS
-    fine = all(one in known or one != cell for one, cell in zip(inner, cells, strict=True))
-    return fine and not any(is_number(cell) for cell in cells) and any(one not in ('', '-') for one in inner)
+    filled = [(one, cell) for one, cell in zip(inner, cells, strict=True) if one not in ('', '1', '-')]
+    known = [one != cell or one in DESCRIPTIONS or known_unit(one, loosely=True) != '' for one, cell in filled]
+    return 2 * sum(known) >= len(known) > 0 and not any(is_number(cell) for cell in cells if cell != '1')
 
 
 def without_brackets(cell: str) -> str:

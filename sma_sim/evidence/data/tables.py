@@ -13,6 +13,7 @@ import numpy as np
 
 from sma_sim.evidence.data.cells import CellLayout, read_cells
 from sma_sim.evidence.data.foreign_columns import hint_for
+from sma_sim.evidence.data.stated_units import UNITS, conversion, stated_unit, unit_of
 from sma_sim.evidence.data.table_format import table_format
 from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
@@ -41,9 +42,22 @@ def read_columns(
     doubled = [name for name in present if header.count(name) > 1]
     if doubled:
         raise UserError(f'{path} has column {doubled[0]} more than once')
+    check_row_of_units(path, present, written.units)
     indices = [header.index(name) for name in present]
     full = [name for name in present if name not in with_gaps]
     return read_cells(CellLayout(path, present, indices, written, full))[0]
+
+
+def check_row_of_units(path: Path, names: Sequence[str], row: Mapping[str, str]) -> None:
+    """Raise UserError where the row of units of a file says another unit than that of a column of ours."""
+    for name in names:
+        unit, where = stated_unit(name, name, row)
+        if unit and UNITS[unit_of(name)].get(unit) != (1.0, 0.0):
+            how = conversion(name, unit).replace('scale:', 'multiply by').replace('offset:', 'add')
+            raise UserError(
+                f'{path}, column {name}: {where} says {unit}, expected {unit_of(name)}; convert the numbers ({how}), or '
+                f'correct that row'
+            )
 
 
 def read_header(path: Path) -> list[str]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sma_sim.evidence.data.foreign_columns import in_yaml
+from sma_sim.evidence.data.stated_units import in_yaml
 from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
 from sma_sim.model.unit_mismatch import SLOW_STEP, mismatch_of

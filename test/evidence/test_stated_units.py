@@ -1,0 +1,119 @@
+"""Units that a table states, in names and in rows of units: converted by a map, or refused by every reader."""
+
+import pytest
+from test_table_formats import POSITION, POWER, TIME, check_plain, read, refused, table
+
+from sma_sim.cli.main import main
+from sma_sim.evidence.data.foreign_columns import hint_for_all, likely_line
+from sma_sim.evidence.data.stated_units import in_yaml
+
+
+@pytest.mark.parametrize(
+    ('words', 'row'),
+    [
+        (('simulate', '--system', 'slider', '--input', 'CSV', '--out', 'OUT.csv'), '[s],[mW],[m]'),
+        (('simulate', '--system', 'slider', '--input', 'CSV', '--out', 'OUT.csv'), '[ms],[W],[m]'),
+        (('play', 'CSV'), 's,mW,m'),
+        (('bag', 'convert', 'CSV', 'OUT.mcap'), '[s],[W],[mm]'),
+    ],
+)
+def test_every_reader_refuses_a_row_of_other_units(tmp_path, capsys, words, row):
+    path = tmp_path / 'run.csv'
+    path.write_text(table(TIME, POWER, POSITION, below=f'{row}\n'))
+    assert main([word.replace('CSV', str(path)).replace('OUT', str(tmp_path / 'out')) for word in words]) == 2
+    unit = next(one.strip('[]') for one in row.split(',') if one.strip('[]') not in ('s', 'W', 'm'))
+    assert f'the row of units says {unit}, expected ' in (said := capsys.readouterr().err) and 'multiply by 0.001' in said
+
+
+NAMES_WITH_UNITS = [  # of ours, of the file, what a map says beside its column
+    ('F_N', 'Force [lbf]', 'scale: 4.448221615'),
+    ('F_N', 'force_gf', 'scale: 0.00980665'),
+    ('F_N', 'load kgf', 'scale: 9.80665'),
+    ('F_N', 'Force (cN)', 'scale: 0.01'),
+    ('F_N', 'force_V', 'scale: FACTOR'),
+    ('F_N', 'Load cell (counts)', 'scale: FACTOR'),
+    ('position_m', 'position_in', 'scale: 0.0254'),
+    ('position_m', 'Stroke [inch]', 'scale: 0.0254'),
+    ('position_m', 'Position [μm]', 'scale: 1e-06'),
+    ('time_s', 'clock [h]', 'scale: 3600'),
+    ('time_s', 'Time (msec)', 'scale: 0.001'),
+    ('time_s', 'Time (µs)', 'scale: 1e-06'),
+    ('time_s', 'millis', 'scale: 0.001'),
+    ('J_W', 'heater [kW]', 'scale: 1000'),
+    ('J_W', 'heater [%]', 'scale: FACTOR'),
+    ('J_W', 'heater [duty]', 'scale: FACTOR'),
+    ('J_W', 'power_duty', 'scale: FACTOR'),
+    ('T_K', 'Temperature [℃]', 'offset: 273.15'),
+    ('T_K', 'temperature_F', 'scale: 0.5555555556, offset: 255.3722222'),
+    ('R_ohm', 'R_kohm', 'scale: 1000'),
+]
+
+
+@pytest.mark.parametrize(('name', 'column', 'how'), NAMES_WITH_UNITS)
+def test_a_unit_in_a_name_is_converted_or_refused(tmp_path, name, column, how):
+    ours = {'time_s': TIME, 'J_W': POWER, 'position_m': POSITION}
+    text = table(*({name: TIME} | ours).values(), header=[column if one == name else one for one in {name: 0} | ours])
+    line = f'{name}: {{column: {in_yaml(column)}, {how}}}'
+    refused(tmp_path, text, f'{name}: {in_yaml(column)}\n', 'its name says', line, '(scale: 1 where that is no unit)')
+
+
+def test_what_a_map_says_wins(tmp_path):
+    text = table(TIME, POWER, 1.0 + TIME, POSITION, header=('time_s', 'J_W', 'F_g', 'position_m'))
+    (recording,) = read(tmp_path, text, 'F_N: {column: F_g, scale: 1}\n')
+    assert recording.channels['F'][0] == 1.0
+    text = table(TIME, POWER, 300.0 + TIME, POSITION, header=('time_s', 'J_W', 'T_C', 'position_m'))
+    (recording,) = read(tmp_path, text, 'T_K: {column: T_C, scale: 1, offset: 0}\n')
+    assert recording.channels['T'][0] == 300.0
+
+
+@pytest.mark.parametrize('names', [('position[0]', '/cmd/J', '__time'), ('F_2', 'U_x', 't')])
+def test_names_without_a_unit_are_noted(tmp_path, names):
+    position, power, time = names
+    text = table(TIME, POWER, POSITION, header=(time, power, position))
+    mapping = f'time_s: {{column: {time}, scale: 1}}\nJ_W: {power}\nposition_m: "{position}"\n'
+    check_plain(read(tmp_path, text, mapping), f'no unit stated: {time} in s, {power} in W, {position} in m assumed')
+
+
+@pytest.mark.parametrize(
+    ('voltage', 'current', 'scale'),
+    [('voltage_V', 'current_mA', 'scale: 0.001'), ('U [mV]', 'I [mA]', 'scale: 1e-06'), ('duty [%]', 'U_V', 'scale: 0.01')],
+)
+def test_the_names_of_a_product_state_its_scale(tmp_path, voltage, current, scale):
+    text = table(TIME, POWER, 0.0 * TIME + 1.0, POSITION, header=('time_s', voltage, current, 'position_m'))
+    cure = f'J_W: {{column: {in_yaml(voltage)}, times: {in_yaml(current)}, {scale}}}'
+    refused(
+        tmp_path, text, f'J_W: {{column: {in_yaml(voltage)}, times: {in_yaml(current)}}}\n', 'is a product without', cure
+    )
+    assert len(read(tmp_path, text, f'{cure}\n')) == 1
+
+
+@pytest.mark.parametrize(
+    ('name', 'header', 'line'),
+    [
+        ('J_W', ['power_supply_V', 'current_A'], '{column: power_supply_V, times: current_A}'),
+        ('J_W', ['voltage_V', 'current_mA'], '{column: voltage_V, times: current_mA, scale: 0.001}'),
+        ('J_W', ['fan_power', 'heater'], '{column: heater, scale: 1}'),
+        ('J_W', ['power_limit_W', 'heater_W'], '{column: heater_W, scale: 1}'),
+        ('J_W', ['set_power', 'power'], '{column: power, scale: 1}'),
+        ('position_m', ['position_setpoint', 'position'], '{column: position, scale: 1}'),
+        ('T_K', ['t', 'T'], '{column: T, scale: 1}'),
+        ('time_s', ['T', 't'], '{column: t, scale: 1}'),
+        ('T_K', ['t', 'x'], ''),
+        ('alpha_rad', ['angle_rev'], '{column: angle_rev, scale: 6.283185307}'),
+        ('alpha_rad', ['angle_raw'], '{column: angle_raw, scale: FACTOR}'),
+        ('stress_Pa', ['Stress [ksi]'], '{column: "Stress [ksi]", scale: 6894757.293}'),
+        ('stress_Pa', ['Stress (bar)'], '{column: Stress (bar), scale: 100000}'),
+        ('time_s', ['%time'], '{column: "%time", scale: 1}'),
+        ('time_s', ['X_Value'], '{column: X_Value, scale: 1}'),
+    ],
+)
+def test_the_likely_line_of_a_map(name, header, line):
+    assert likely_line(name, header) == (f'{name}: {line}' if line else '')
+
+
+def test_all_columns_of_a_table_are_proposed():
+    lines = hint_for_all(['J_W', 'T_K'], ['Temperature [degF]', 'Power (W)'], ())
+    assert lines == (
+        '; likely lines of a map: J_W: {column: Power (W), scale: 1}; '
+        'T_K: {column: "Temperature [degF]", scale: 0.5555555556, offset: 255.3722222}'
+    )
