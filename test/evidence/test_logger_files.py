@@ -153,6 +153,7 @@ READ = {  # content, map, what is said
         'time_s: Time\nJ_W: Power\nposition_m: {column: Way, scale: 0.001}\nT_K: {column: Temp, offset: 273.15}\n',
         'row of units',
     ),
+    'a line end in a quoted name': ('"Time\n(s)",J_W,position_m\n' + BODY, 'time_s: Time (s)\n', ''),
     'quotes in a quoted name': ('"time ""raw""",J_W,position_m\n' + BODY, 'time_s: time "raw"\n', ''),
     'seconds since 1970': (
         PLAIN.partition('\n')[0] + '\n' + rows(lambda _, t, p, x: f'{1e9 + t:.2f},{p},{x:.15f}'),
@@ -441,7 +442,6 @@ REFUSED = {  # content, map, what is said
     ),
     'per cent in cells': (PLAIN.replace('1.2', '1.2%'), '', 'write the number alone, without a unit'),
     'minus sign of typesetters': (PLAIN.replace(',0,', ',\u22120,'), '', 'expected a number'),
-    'a line end in a quoted name': ('"Time\n(s)",J_W,position_m\n' + BODY, 'time_s: Time (s)\n', 'has no column Time (s)'),
     'units in cells': (
         PLAIN.partition('\n')[0] + '\n' + rows(lambda _, t, p, x: f'{t} s,{p} W,{x:.9f} m'),
         '',

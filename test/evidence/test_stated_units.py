@@ -117,3 +117,39 @@ def test_all_columns_of_a_table_are_proposed():
         '; likely lines of a map: J_W: {column: Power (W), scale: 1}; '
         'T_K: {column: "Temperature [degF]", scale: 0.5555555556, offset: 255.3722222}'
     )
+
+
+UNITS_BESIDE = {  # text of a table whose position is in mm, by where it says so
+    'labview': 'Reader_Version\t2\nY_Unit_Label\tW\tmm\n***End***\nTime\tPower\tWay\n{0}',
+    'label below': 'Time\tPower\tWay\nDatum\t1.1.2026\t\nEinheit\tW\tmm\n{0}',
+    'line above': 's\tW\tmm\nTime\tPower\tWay\n{0}',
+    'comments above': '# s\tW\tmm\n# Time\tPower\tWay\n{0}',
+    'comments below': '# Time\tPower\tWay\n# s\tW\tmm\n{0}',
+    'comment above names': '# s\tW\tmm\nTime\tPower\tWay\n{0}',
+    'small words': 'Time\tPower\tWay\nseconds\twatts\tmillimeters\n{0}',
+    'capitals': 'Time\tPower\tWay\nS\tW\tMM\n{0}',
+    'line breaks in quotes': '"Time\n[s]"\t"Power\n[W]"\tWay\ns\tW\tmm\n{0}',
+}
+
+
+@pytest.mark.parametrize('where', UNITS_BESIDE)
+def test_units_around_the_names(tmp_path, where):
+    text = UNITS_BESIDE[where].format(table(TIME, POWER, 1e3 * POSITION, separator='\t').partition('\n')[2])
+    time, power = ('"Time [s]"', '"Power [W]"') if 'quotes' in where else ('Time', 'Power')
+    mapping = f'time_s: {time}\nJ_W: {power}\nposition_m: '
+    refused(tmp_path, text, f'{mapping}Way\n', 'says mm, expected m for position_m', '{column: Way, scale: 0.001}')
+    check_plain(read(tmp_path, text, f'{mapping}{{column: Way, scale: 0.001}}\n'))
+
+
+def test_an_unknown_unit_without_brackets_needs_a_factor(tmp_path):
+    text = table(TIME, POWER, POSITION, below='s,W,fathom\n')
+    refused(tmp_path, text, '', 'the row of units says fathom', 'position_m: {column: position_m, scale: FACTOR}')
+    check_plain(read(tmp_path, table(TIME, POWER, POSITION, below='double,double,double\n')))
+
+
+@pytest.mark.parametrize('above', ['logger v1\n', 'Date\t2026\t\n***End***\t\t\n'])
+def test_names_above_rows_with_text(tmp_path, above):
+    words = ['start' if time == 0.0 else '' for time in TIME]
+    names = ('time_s', 'comment', 'J_W', 'position_m')
+    for text in (words, ['IDLE'] * len(TIME)):
+        check_plain(read(tmp_path, table(TIME, text, POWER, POSITION, header=names, separator='\t', above=above)))

@@ -28,7 +28,10 @@ FOREIGN_COMMA, FOREIGN_POINT = '\u201a', '\u00b7'
 # What data loggers write below the names of stamps, row numbers, samples and means, and programs as types of numbers.
 DESCRIPTIONS = {'TS', 'RN', 'Smp', 'Avg', 'double', 'float', 'float64', 'int', 'int64'}
 HEAD = 200  # lines in which a table begins: headers of data loggers have up to about a hundred
+MIN_NUMBERS = 2  # in a row of a table that holds text too: a time and a quantity
 SAMPLES = 3  # rows of numbers that make a table
+UNIT_LABELS = frozenset(['unit', 'units', 'einheit', 'einheiten', 'y_unit_label'])  # what a line of units begins with
+MAX_BREAKS = 10  # lines in a quoted name at most
 UNIT_ROWS = 2  # between the names and the numbers at most
 MAX_SAID = 40  # characters of each row between them, where there are others
 # What programs write where a value is missing: that of pandas, and of spreadsheets in German.
@@ -142,7 +145,7 @@ def check_text(path: Path) -> None:
 
 def format_of_lines(path: Path, file: IO[str], wanted: frozenset[str]) -> TableFormat:
     """The format of an open file."""
-    head = list(islice(iter(lambda: file.readline(MAX_LINE_LENGTH), ''), HEAD))
+    head = with_whole_names(list(islice(iter(lambda: file.readline(MAX_LINE_LENGTH), ''), HEAD)))
     content = [k for k, line in enumerate(head) if is_content(line)]
     if not content:
         raise UserError(f'{path} is empty: expected a header and at least one row')
@@ -158,20 +161,23 @@ def format_of_lines(path: Path, file: IO[str], wanted: frozenset[str]) -> TableF
     if not wanted <= set(header) and (named := line_with_names(lines, wanted)):
         first, passed, separator = named
         header = cells_of_line(lines[first], separator)
-        below = [cells_of_line(line, separator) for line in lines[first + 1 : passed + 1]]
+        below = [unit_cells(line, separator) for line in lines[first + 1 : passed + 1]]
         rows = [
             cells[: len(header)] for cells in below if len(cells) >= len(header) and are_units(chosen(header, cells, wanted))
         ]
         between = said_between([chosen(header, cells, wanted) for cells in below if cells not in rows])
     at, before = content[first], content[passed] + 1
     comments = [line for line in head[:at] if COMMENT_LINE.match(line)]
-    commented = cells_of_line(comments[-1].lstrip('#/% \t'), separator) if comments else []
-    if all(is_number(cell.replace(',', '.')) for cell in header) and len(commented) == len(header) > 1:
-        header, rows, before = commented, [], at  # the header is the last comment
-    units = {name: without_brackets(cell) for name, cell in zip(header, rows[0], strict=True)} if rows else {}
+    commented = [cells_of_line(line.lstrip('#/% \t'), separator) for line in comments]
+    names = [cells for cells in commented if len(cells) == len(header) > 1 and not all(map(known_unit, cells))]
+    if all(is_number(cell.replace(',', '.')) for cell in header) and names:
+        header, rows, before = names[-1], [], at  # the header is the last comment
+    above = passed - len(rows)
+    first_numbers = at if before == at else next(iter(content[passed + 1 : passed + 2]), before)
+    rows = rows or units_beside(header, head[:first_numbers], separator)
+    units = {name: without_brackets(cell) for name, cell in zip(header, rows[0], strict=False)} if rows else {}
     later = any(COMMENT_LINE.match(line) for line in head[at:])
     units = {name: '' if unit in DESCRIPTIONS else unit for name, unit in units.items()}
-    above = passed - len(rows)
     found = TableFormat(header, before, separator, False, bool(comments) or later, units, above, between)
     if separator == ',':
         return found
@@ -189,20 +195,21 @@ def is_content(line: str) -> bool:
 def first_of_table(path: Path, lines: Sequence[str]) -> int:
     """Which of the lines with content has the names of the columns: the first above rows of as many numbers as it has names;
     line 0 where there are no such rows. Raises UserError where that would pass over numbers."""
-    for k, line in enumerate(lines):
-        separator = separator_of(line, lines[k + 1] if k + 1 < len(lines) else '')
-        header = cells_of_line(line, separator)
-        numbers = [is_number(cell.replace(',', '.')) for cell in header]
-        if len(header) < 2 or all(numbers) or (k > 0 and any(numbers)):
-            continue
-        passed = 1 + len(units_below(header, lines[k + 1 : k + 1 + UNIT_ROWS], separator))
-        rows = lines[k + passed : k + passed + SAMPLES]
-        if len(rows) >= min(SAMPLES, len(lines) - passed) > 0 and all_samples(rows, len(header), separator):
-            if any(all_samples([one], len(header), separator) for one in lines[:k]):
-                raise UserError(
-                    f'{path} has numbers above the names {", ".join(header)[:60]} too: save each table in a file'
-                )
-            return k
+    for are_rows in (all_samples, have_numbers):
+        for k, line in enumerate(lines):
+            separator = separator_of(line, lines[k + 1] if k + 1 < len(lines) else '')
+            header = cells_of_line(line, separator)
+            numbers = [is_number(cell.replace(',', '.')) for cell in header]
+            if len(header) < 2 or all(numbers) or (k > 0 and any(numbers)) or unit_cells(line, separator) != header:
+                continue
+            passed = 1 + len(units_below(header, lines[k + 1 : k + 1 + UNIT_ROWS], separator))
+            rows = lines[k + passed : k + passed + SAMPLES]
+            if len(rows) >= min(SAMPLES, len(lines) - passed) > 0 and are_rows(rows, len(header), separator):
+                if any(all_samples([one], len(header), separator) for one in lines[:k]):
+                    raise UserError(
+                        f'{path} has numbers above the names {", ".join(header)[:60]} too: save each table in a file'
+                    )
+                return k
     return 0
 
 
@@ -235,6 +242,13 @@ def all_samples(lines: Sequence[str], width: int, separator: str) -> bool:
     return all(is_sample(cells_of_line(line, separator), width, separator) for line in lines)
 
 
+def have_numbers(lines: Sequence[str], width: int, separator: str) -> bool:
+    """Whether all lines have as many columns, two of them with numbers in each line: others may hold text."""
+    rows = [[cell.replace(',', '.') for cell in cells_of_line(line, separator)] for line in lines]
+    fits = all(width - 1 <= len(row) and not any(row[width:]) for row in rows)
+    return fits and sum(all(map(is_number, column)) for column in zip(*rows, strict=False)) >= MIN_NUMBERS
+
+
 def is_sample(cells: Sequence[str], width: int, separator: str) -> bool:
     """Whether a row has a number, and nothing but numbers, dates and gaps, in as many columns; the last may be left out."""
     decimals = [cell if separator == ',' else cell.replace(',', '.') for cell in cells]
@@ -250,11 +264,40 @@ def units_below(header: Sequence[str], lines: Sequence[str], separator: str) -> 
     """The rows of units below the names of the columns."""
     rows = list[list[str]]()
     for line in lines:
-        cells = cells_of_line(line, separator)
+        cells = unit_cells(line, separator)
         if len(cells) < len(header) or not are_units(cells[: len(header)]):
             break
         rows.append(cells[: len(header)])
     return rows
+
+
+def units_beside(header: Sequence[str], lines: Sequence[str], separator: str) -> list[list[str]]:
+    """The last of the lines around the names of the columns that holds their units, as a comment or with a label before."""
+    for line in reversed(lines):
+        written = line.lstrip('#/% \t')
+        cells = unit_cells(written, separator)[: len(header)]
+        labelled = any(cells) and cells != cells_of_line(written, separator)[: len(header)]
+        if labelled or (len(cells) == len(header) > 1 and all(known_unit(without_brackets(cell)) for cell in cells)):
+            return [cells] if cells != list(header) else []
+    return []
+
+
+def unit_cells(line: str, separator: str) -> list[str]:
+    """The cells of a line that may hold units, without the label at its beginning."""
+    cells = cells_of_line(line, separator)
+    return ['', *cells[1:]] if cells and cells[0].lower().rstrip(':') in UNIT_LABELS else cells
+
+
+def with_whole_names(lines: Sequence[str]) -> list[str]:
+    """The first lines of a file, those that a quoted name with line breaks goes on in all in the last of them."""
+    found = list(lines)
+    for k in range(len(found)):
+        for end in range(k + 1, min(k + MAX_BREAKS, len(found))) if found[k].count('"') % 2 else ():
+            if found[end].count('"') % 2:
+                found[end] = ' '.join(line.strip('\r\n') for line in found[k:end]) + ' ' + found[end]
+                found[k:end] = [''] * (end - k)
+                break
+    return found
 
 
 def separator_of(line: str, following: str) -> str:
