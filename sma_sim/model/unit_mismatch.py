@@ -11,8 +11,12 @@ from sma_sim.model.arrays import Vector
 from sma_sim.model.parameters import KELVIN
 
 MAX_DURATION, MIN_DURATION = 1e7, 1e-3  # [s]: no run lasts four months, and no wire moves in less than milliseconds
-LATEST_DATE = 1e10  # [s] since 1970: later times are in smaller units
+LATEST_DATE = 1e11  # [s]: later times are in smaller units; seconds since the year 0, as MATLAB counts, are 6.4e10
+DAY = 86_400.0  # [s]
+FIRST_DAY, LAST_DAY = 2e4, 1e6  # [d]: spreadsheets count from 1900 (20,000 is 1954), MATLAB from the year 0 (740,000)
 SLOW_STEP = 2.0  # [s]: wires heat and cool faster, so nobody samples a module so slowly
+FAST_STEP = 1e-4  # [s]: wires are slower by far, so few sample them faster
+SHORT_RUN = 1.0  # [s]: a wire heats in less, but does not cool
 MIN_TEMPERATURE, MAX_TEMPERATURE = KELVIN  # a median below is in deg C
 OFFSET_FRACTION = 0.02  # of the largest heating: a power meter's offset
 MIN_STRESS, MAX_STRESS = 1e4, 1e11  # [Pa] that the largest stress of a run lies between
@@ -91,22 +95,32 @@ def resistance_mismatch(values: Vector) -> UnitMismatch | None:
 
 
 def duration_mismatch(time: Vector) -> UnitMismatch | None:
-    """How times (k,) cannot be seconds: a run of months or microseconds, a date in the far future."""
+    """How times (k,) cannot be seconds: a run of months or microseconds, a date in the far future, days of a calendar."""
     if len(time) < 2:
         return None
     length, first, step = float(time[-1] - time[0]), float(time[0]), float(np.median(np.diff(time)))
-    if MIN_DURATION <= length <= MAX_DURATION and first < LATEST_DATE:
+    is_calendar = FIRST_DAY < first < LAST_DAY and 0.0 < step * DAY <= SLOW_STEP
+    if MIN_DURATION <= length <= MAX_DURATION and first < LATEST_DATE and not is_calendar:
         return None
-    if length < MIN_DURATION:
-        got, unit, scale = f'a run of {length:g} s', 'days, as spreadsheets count them', 86400.0
-    else:
-        got = f'a run of {length:g} s' if length > MAX_DURATION else f'a date {first:g} s after 1970'
-        smaller = {'milliseconds': 1e-3, 'microseconds': 1e-6, 'nanoseconds': 1e-9}
-        unit, scale = next(
-            (one for one in smaller.items() if one[1] * first < LATEST_DATE and one[1] * step <= SLOW_STEP),
-            ('nanoseconds', 1e-9),
-        )
-    return UnitMismatch('seconds', got, unit, f'scale: {scale:g}')
+    if length < MIN_DURATION or is_calendar:
+        got = f'times from {first:.10g} to {time[-1]:.10g}' if is_calendar else f'a run of {length:g} s'
+        return UnitMismatch('seconds', got, 'days, as spreadsheets count them', f'scale: {DAY:g}')
+    got = f'a run of {length:g} s' if length > MAX_DURATION else f'a date {first:g} s after 1970'
+    smaller = {'milliseconds': 1e-3, 'microseconds': 1e-6, 'nanoseconds': 1e-9}
+    possible = {
+        unit: scale for unit, scale in smaller.items() if scale * first < LATEST_DATE and scale * step <= SLOW_STEP
+    } or {'nanoseconds': 1e-9}
+    (unit, scale), *finer = possible.items()
+
+    def fits(scale: float) -> bool:
+        """Whether a run in this unit is neither sampled too fast nor too short."""
+        return scale * step >= FAST_STEP and scale * length >= SHORT_RUN
+
+    usual = [(unit, scale), *(one for one in finer if first < LATEST_DATE and fits(one[1]))]
+    if len(usual) == 1:
+        return UnitMismatch('seconds', got, unit, f'scale: {scale:g}')
+    words = ' or '.join(f'{unit} (scale: {scale:g}, a sample every {scale * step:g} s)' for unit, scale in usual)
+    return UnitMismatch('seconds', got, words, 'scale: FACTOR')
 
 
 CHECKS: dict[str, Callable[[Vector], UnitMismatch | None]] = {

@@ -222,6 +222,17 @@ READ = {  # content, map, what is said
         'time_s: time\n',
         'counted from the first row',
     ),
+    'durations of pandas': (
+        'time,J_W,position_m\n' + rows(lambda _, t, p, x: f'0 days 00:00:{t:09.6f},{p},{x:.12f}'),
+        'time_s: time\n',
+        '',
+    ),
+    'months before days, told after midnight': (
+        'time,J_W,position_m\n'
+        + rows(lambda _, t, p, x: f'{"12/12" if t < 5 else "12/13"}/2026 {over_midnight(_, t, p, x)}'),
+        'time_s: time\n',
+        'counted from the first row',
+    ),
     'matlab datetime': (
         'Time,J_W,position_m\n' + rows(lambda _, t, p, x: f'31-Jul-2026 21:16:{9 + t:06.3f},{p},{x:.12f}'),
         'time_s: Time\n',
@@ -389,6 +400,16 @@ REFUSED = {  # content, map, what is said
     ),
     'days of a spreadsheet': (
         PLAIN.partition('\n')[0] + '\n' + rows(lambda _, t, p, x: f'{46234.8862 + t / 86400:.12f},{p},{x:.9f}'),
+        '',
+        'looks like days, as spreadsheets count them; a map (--map) can convert: time_s: {column: time_s, scale: 86400}',
+    ),
+    'days or months after midnight': (
+        'time,J_W,position_m\n' + rows(lambda *one: f'07/0{7 if one[1] < 5 else 8}/2026 {over_midnight(*one)}'),
+        'time_s: time\n',
+        'nobody can tell the day from the month',
+    ),
+    'days of a spreadsheet, two minutes': (
+        PLAIN.partition('\n')[0] + '\n' + rows(lambda _, t, p, x: f'{46234.88 + 12 * t / 86400:.12f},{p},{x:.9f}'),
         '',
         'looks like days, as spreadsheets count them; a map (--map) can convert: time_s: {column: time_s, scale: 86400}',
     ),

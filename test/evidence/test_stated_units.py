@@ -1,11 +1,13 @@
 """Units that a table states, in names and in rows of units: converted by a map, or refused by every reader."""
 
+import numpy as np
 import pytest
 from test_table_formats import POSITION, POWER, TIME, check_plain, read, refused, table
 
 from sma_sim.cli.main import main
 from sma_sim.evidence.data.foreign_columns import hint_for_all, likely_line
 from sma_sim.evidence.data.stated_units import in_yaml
+from sma_sim.model.unit_mismatch import mismatch_of
 
 
 @pytest.mark.parametrize(
@@ -153,3 +155,20 @@ def test_names_above_rows_with_text(tmp_path, above):
     names = ('time_s', 'comment', 'J_W', 'position_m')
     for text in (words, ['IDLE'] * len(TIME)):
         check_plain(read(tmp_path, table(TIME, text, POWER, POSITION, header=names, separator='\t', above=above)))
+
+
+@pytest.mark.parametrize(
+    ('time', 'unit', 'how'),
+    [
+        (1e3 * np.arange(20_000), 'milliseconds (scale: 0.001, a sample every 1 s) or microseconds (scale: 1e-06', 'FACTOR'),
+        (5e4 * np.arange(400), 'microseconds', '1e-06'),
+        (1.785e12 + 1000.0 * np.arange(400), 'milliseconds', '0.001'),
+        (46234.88 + np.arange(400) / 86400.0, 'days', '86400'),
+        (740198.88 + 0.05 * np.arange(4000) / 86400.0, 'days', '86400'),
+    ],
+)
+def test_times_that_are_no_seconds(time, unit, how):
+    mismatch = mismatch_of('time_s', time)
+    assert unit in mismatch.words and mismatch.conversion == f'scale: {how}'
+    if how == '86400':
+        assert mismatch_of('time_s', 86400.0 * time) is None

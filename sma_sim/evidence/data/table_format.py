@@ -52,7 +52,9 @@ MISSING_CELLS = frozenset(
     ]
 )
 DATE_TEXT = r'(?:\d{4}[-/]\d\d[-/]\d\d|\d\d?[./ -](?:\d\d?|[A-Za-z]{3})[./ -]\d{4},?)(?:[T ].*)?'
-SAMPLE_TEXT = re.compile(rf'{DATE_TEXT}|\d\d?:\d\d:\d\d.*|\S+ (?:ms|sec|min|hr)')  # dates, times of day, durations
+SAMPLE_TEXT = re.compile(
+    rf'{DATE_TEXT}|(?:\d+ days?,? )?\d\d?:\d\d:\d\d.*|\S+ (?:ms|sec|min|hr)'
+)  # dates, times of day, durations
 THOUSANDS = re.compile(r'[-+]?[1-9]\d{0,2},\d{3}')  # a decimal comma, or a separator of thousands: nobody can tell
 AMBIGUOUS = {  # by sign: what it may be in decimals, and how to write numbers of which everybody can tell
     ',': ('comma', 'expected points in decimals: write them so, and no separators of thousands'),

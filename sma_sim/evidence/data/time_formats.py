@@ -16,7 +16,8 @@ from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
 
 EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
-CLOCK = re.compile(r'(\d+):(\d\d):(\d\d)(?:[.,:](\d+))?(?: ?([AaPp][Mm]))?\s*(?:Z|UTC|([-+])(\d\d):?(\d\d))?')
+DAYS = r'(?:(\d+) days?,? )?'  # as pandas and Python write durations
+CLOCK = re.compile(DAYS + r'(\d+):(\d\d):(\d\d)(?:[.,:](\d+))?(?: ?([AaPp][Mm]))?\s*(?:Z|UTC|([-+])(\d\d):?(\d\d))?')
 YEAR_FIRST = re.compile(r'(\d{4})[-/](\d\d)[-/](\d\d)[T ]+(\d.*)')
 YEAR_LAST = re.compile(r'(\d\d?)([./-])(\d\d?)\2(\d{4}),?[T ]+(\d.*)')
 WITH_MONTH = re.compile(r'(\d\d?)[- ]([A-Za-z]{3})[- ](\d{4})[T ]+(\d.*)')
@@ -55,6 +56,12 @@ def seconds_reader(cell: str) -> Callable[[str], float] | None:
     return seconds_of_duration if DURATION.fullmatch(text) else None
 
 
+def day_and_month(cell: str) -> int:
+    """How many numbers the day and the month of a date are before its year, 0 where it is none: 7/7 is one number."""
+    found = YEAR_LAST.fullmatch(cell.strip())
+    return len({int(found[1]), int(found[3])}) if found else 0
+
+
 def seconds_of(form: re.Pattern[str], year: int, month: int, day: int) -> Callable[[str], float]:
     """What makes seconds since 1970 of a date with a time, UTC where it has no zone; where its form has year, month, day."""
 
@@ -77,9 +84,9 @@ def seconds_of_clock(text: str) -> float:
     found = CLOCK.fullmatch(text.strip())
     if found is None:
         raise ValueError(text)
-    hours, minutes, seconds, fraction, half, sign, zone_hours, zone_minutes = found.groups()
+    days, hours, minutes, seconds, fraction, half, sign, zone_hours, zone_minutes = found.groups()
     hour = int(hours) if half is None else int(hours) % NOON + (NOON if half.lower() == 'pm' else 0)
-    clock = timedelta(hours=hour, minutes=int(minutes), seconds=int(seconds))
+    clock = timedelta(days=int(days or 0), hours=hour, minutes=int(minutes), seconds=int(seconds))
     if sign:
         zone = timedelta(hours=int(zone_hours), minutes=int(zone_minutes))
         clock += -zone if sign == '+' else zone
@@ -102,11 +109,13 @@ def is_empty(cell: str) -> bool:
 def reader_of_column(path: Path, written: TableFormat, index: int) -> Callable[[str], float] | None:
     """What makes seconds of the cells of a column; None where its first cell is a number. Raises UserError."""
     text = next(text_blocks(path, written), ('', True))[0]
-    line = next((one for one in text.split('\n') if one.strip()), '')
-    cells = cells_of_line(line, ',')
-    if index >= len(cells):
+    rows = (cells_of_line(line, ',') for line in text.split('\n') if line.strip())
+    cells = (written.as_written(row[index]) for row in rows if index < len(row))
+    cell = next(cells, None)
+    if cell is None:
         return None
-    cell = written.as_written(cells[index])
+    if day_and_month(cell) == 1:
+        cell = next((one for one in cells if day_and_month(one) > 1), cell)
     try:
         reader = seconds_reader(cell)
     except ValueError as error:
