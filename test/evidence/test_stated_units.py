@@ -6,7 +6,9 @@ from test_table_formats import POSITION, POWER, TIME, check_plain, read, refused
 
 from sma_sim.cli.main import main
 from sma_sim.evidence.data.foreign_columns import hint_for_all, likely_line
+from sma_sim.evidence.data.recordings import read_recording
 from sma_sim.evidence.data.stated_units import in_yaml
+from sma_sim.model.errors import UserError
 from sma_sim.model.unit_mismatch import mismatch_of
 
 
@@ -172,3 +174,43 @@ def test_times_that_are_no_seconds(time, unit, how):
     assert unit in mismatch.words and mismatch.conversion == f'scale: {how}'
     if how == '86400':
         assert mismatch_of('time_s', 86400.0 * time) is None
+
+
+def test_the_time_is_no_temperature(tmp_path):
+    text = table(TIME, POWER, POSITION, TIME, header=('t', 'P', 'x', 'T'))
+    mapping = 'time_s: t\nJ_W: P\nposition_m: x\nT_K: {column: t, offset: 273.15}\n'
+    refused(tmp_path, text, mapping, 'column t: taken for time_s and for T_K')
+
+
+@pytest.mark.parametrize(
+    ('first', 'second', 'scale'), [('Time', 'Time.1', 0.5), ('t1', 't2', 0.5), ('time_s', 'time_s_1', 2.0)]
+)
+def test_a_second_clock_of_as_many_rows(tmp_path, first, second, scale):
+    text = table(TIME, POWER, scale * TIME, POSITION, header=(first, 'J_W', second, 'position_m'))
+    mapping = f'time_s: {first}\n'
+    cure = f'position_m: {{column: position_m, time: {second}}}'
+    refused(tmp_path, text, mapping, f'{second}, before it, is another clock than {first}', cure, f'or say time: {first}')
+    check_plain(read(tmp_path, text, f'{mapping}position_m: {{column: position_m, time: {first}}}\n'))
+    check_plain(read(tmp_path, table(TIME, POWER, TIME, POSITION, header=(first, 'J_W', second, 'position_m')), mapping))
+
+
+def test_measured_columns_and_optional_inputs_are_proposed(tmp_path):
+    text = table(TIME, POWER, 1e3 * POSITION, header=('time_s', 'J_W', 'Stroke [mm]'))
+    refused(tmp_path, text, '', 'nothing measured in it', 'position_m: {column: "Stroke [mm]", scale: 0.001}')
+    path = tmp_path / 'wire.csv'
+    path.write_text(table(TIME, POWER, POSITION, 1e8 * POSITION, header=('Time (s)', 'Power (W)', 'strain', 'Stress (MPa)')))
+    with pytest.raises(
+        UserError, match='J_W: {column: Power .W., scale: 1}; stress_Pa: {column: Stress .MPa., scale: 1000000}'
+    ):
+        read_recording(path, 'wire', 298.0)
+
+
+def test_quantities_like_one_in_another_unit_are_asked_for(tmp_path):
+    path, way = tmp_path / 'run.csv', tmp_path / 'map.yaml'
+    path.write_text(table(TIME, POWER, 0.01 * POSITION, 1e4 * POSITION, header=('time_s', 'J_eq_W', 'Ux', 'Uy')))
+    way.write_text('U_x_m: Ux\nU_y_m: Uy\n')
+    with pytest.raises(UserError, match='is the same true of others. U_x_m: {column: Ux, scale: 0.001}$'):
+        read_recording(path, 'module', 298.0, way)
+    way.write_text('U_x_m: {column: Ux, scale: 0.001}\nU_y_m: Uy\n')
+    with pytest.raises(UserError, match='U_y_m: {column: Uy, scale: 0.001}$'):
+        read_recording(path, 'module', 298.0, way)

@@ -29,6 +29,7 @@ from sma_sim.evidence.data.sessions import (
     ordered_sessions,
     rows_with_changes,
 )
+from sma_sim.evidence.data.stated_units import unit_of
 from sma_sim.evidence.data.units import check_unit, slow_sampling
 from sma_sim.model.arrays import Mask, Vector
 from sma_sim.model.errors import UserError
@@ -53,7 +54,8 @@ class SourceFile:
     """Which file is read, as which system, and the ambient temperature [K] where it records none.
 
     `stamped` says that the command has stamps of its own, as in a bag; `namespace` whose topics are read from a bag, and
-    `limits` what its robot accepts; `foreign`: by our columns, those of the file that a map names for them.
+    `limits` what its robot accepts; `foreign`: by our columns, those of the file that a map names for them; `converted`: ours
+    whose unit a map converts.
     """
 
     path: Path
@@ -63,6 +65,7 @@ class SourceFile:
     namespace: str | None = None
     limits: CommandLimits = NODE_LIMITS
     foreign: Mapping[str, str] = field(default_factory=dict)
+    converted: frozenset[str] = frozenset()
 
     def column_of(self, name: str) -> str:
         """How the file itself calls a column of the contract."""
@@ -369,6 +372,7 @@ def measured_channels(
 ) -> tuple[Vector, dict[str, Vector], dict[str, Vector]]:
     """Times and channels of the rows that hold a measurement, outliers taken out, and their noise where the file has it."""
     names = dict(zip(file.structure.channel_columns, file.structure.channels, strict=True))
+    found = [name for name in names if name in columns]
     sampled = sampled_rows(file.structure, columns)
     time = columns['time_s'][sampled] if not sampled.all() else columns['time_s']
     channels, stds = dict[str, Vector](), dict[str, Vector]()
@@ -379,7 +383,8 @@ def measured_channels(
         channels[channel] = values = values[sampled] if not sampled.all() else values
         discard_outliers(name, time, values, 'taken as missing', notes)
         discard_saturated(name, time, values, notes)
-        check_unit(file.path, name, values, file.column_of(name))
+        like = [one for one in found if unit_of(one) == unit_of(name) and not {one, name} & file.converted]
+        check_unit(file.path, name, values, file.column_of(name), {one: file.column_of(one) for one in like})
         if (noise := columns.pop(name + STD_SUFFIX, None)) is not None:
             stds[channel] = noise[sampled]
     notes += gap_notes(time, channels) + rate_note(time, channels)

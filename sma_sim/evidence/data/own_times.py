@@ -6,13 +6,15 @@ channel would be compressed or stretched.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from sma_sim.evidence.data.column_map import Origin, column_in_si
+from sma_sim.evidence.data.stated_units import in_yaml
 from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
 
@@ -50,11 +52,44 @@ def check_times(
         if not (np.diff(values[known]) > 0.0).all() or np.array_equal(values[known], cells[time][known]):
             continue
         for name in (one for one, of_values in apart.items() if np.array_equal(of_values, known)):
-            column = origins[name].column
-            raise UserError(
-                f'{path}, column {column}: has values in {int(known.sum())} rows, as {other} has, not in those of {time}: '
-                f'is {other} its time? Say so in a map, {name}: {{column: {column}, time: {other}}}, or say time: {time}'
-            )
+            column, rows_of = origins[name].column, int(known.sum())
+            where = f'{path}, column {column}: has values in {rows_of} rows, as {other} has, not in those of {time}'
+            raise UserError(f'{where}: {which_time(name, str(column), other, time)}')
+
+
+def check_other_clock(
+    path: Path,
+    origins: Mapping[str, Origin],
+    cells: Mapping[str, Vector],
+    unused: Iterable[str],
+    read: Callable[[str], Vector | None],
+    header: Sequence[str],
+    measured: Iterable[str],
+) -> None:
+    """Raise UserError where a `measured` column stands behind another time, by its name, than that which is taken."""
+    time = origins['time_s'].column
+    for other in unused if time is not None else ():
+        if without_number(other) != without_number(str(time)) or (values := read(other)) is None:
+            continue
+        known = np.isfinite(values) & np.isfinite(cells[str(time)])
+        if not (np.diff(values[known]) > 0.0).all() or np.allclose(values[known], cells[str(time)][known], rtol=1e-12):
+            continue
+        behind = header[header.index(other) :]
+        for name in (one for one in measured if one in origins and origins[one].time is None):
+            if (column := origins[name].column) in behind:
+                where = f'{path}, column {column}: {other}, before it, is another clock than {time}'
+                raise UserError(f'{where}: {which_time(name, str(column), other, str(time))}')
+
+
+def which_time(name: str, column: str, other: str, time: str) -> str:
+    """What to ask and to do where a column may have another time than the one that is taken."""
+    line = f'{name}: {{column: {in_yaml(column)}, time: {in_yaml(other)}}}'
+    return f'is {other} its time? Say so in a map, {line}, or say time: {time}'
+
+
+def without_number(name: str) -> str:
+    """The name of a column without the number at its end, by which a program tells it from another of its name."""
+    return re.sub(r'[\W_]*\d+$', '', name)
 
 
 def at_own_times(

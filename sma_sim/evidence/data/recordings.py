@@ -159,7 +159,8 @@ def recordings_in_file(file: SourceFile, mapping: ColumnMap) -> tuple[Recording,
     """The recordings of one file."""
     columns, notes = read_source(file.path, file.system, mapping, file.namespace, file.limits)
     foreign = {name: entry.column for name, entry in mapping.origins.items() if entry.column is not None}
-    file = replace(file, stamped=is_bag(file.path), foreign=foreign)
+    converted = frozenset(name for name, entry in mapping.origins.items() if entry.converts)
+    file = replace(file, stamped=is_bag(file.path), foreign=foreign, converted=converted)
     name = file.path.stem if file.path.is_file() else file.path.name
     return recordings_from_columns(file, name, columns, notes)
 

@@ -12,14 +12,15 @@ from typing import Any
 
 import numpy as np
 
+from sma_sim.evidence.data.assemble import NothingMeasuredError
 from sma_sim.evidence.data.cells import CellLayout, read_cells, text_blocks
 from sma_sim.evidence.data.column_map import ColumnMap, Origin, column_in_si, column_origins
 from sma_sim.evidence.data.foreign_columns import hint_for, hint_for_all, likely_column
-from sma_sim.evidence.data.own_times import at_own_times, check_times
+from sma_sim.evidence.data.own_times import at_own_times, check_other_clock, check_times
 from sma_sim.evidence.data.recording import HIDDEN_COLUMN, NEEDED_COLUMNS, STD_SUFFIX, OfSystems
 from sma_sim.evidence.data.rosbag.bag_files import is_bag
 from sma_sim.evidence.data.rosbag.commands import CommandLimits
-from sma_sim.evidence.data.stated_units import stated_unit, unit_of
+from sma_sim.evidence.data.stated_units import in_yaml, stated_unit, unit_of
 from sma_sim.evidence.data.table_format import cells_of_line, is_number, table_format
 from sma_sim.evidence.data.table_units import check_stated_units
 from sma_sim.evidence.data.tables import MAX_NAMES
@@ -138,6 +139,8 @@ def read_csv_source(path: Path, system: str, mapping: ColumnMap) -> tuple[Column
             )
     if unused:
         check_times(path, origins, cells, unused, partial(numbers_in, layout))
+        measured = known_structures()[system].channel_columns
+        check_other_clock(path, origins, cells, unused, partial(numbers_in, layout), header, measured)
     rows = len(next(iter(cells.values())))
     users = [entry.column for entry in origins.values()]
     columns = {name: column_in_si(entry, cells, rows) for name, entry in origins.items()}
@@ -234,13 +237,13 @@ def check_clock(path: Path, header: Sequence[str], time: Origin) -> None:
 
 def check_long_table(path: Path, origins: Mapping[str, Origin]) -> None:
     """Raise UserError where one column of a file is taken for two quantities: in a long table, rows tell them apart."""
-    taken: dict[Origin, str] = {}
+    taken: dict[tuple[Any, ...], str] = {}
     for name, entry in origins.items():
-        other = taken.setdefault(replace(entry, zero_std=0.0, drift_std=0.0, floor=0.0), name)
+        other = taken.setdefault((entry.column, entry.where, entry.times, entry.exponent, entry.pace), name)
         if entry.column is not None and unit_of(other) != unit_of(name):
             raise UserError(
                 f'{path}, column {entry.column}: taken for {other} and for {name}, expected one of them; in a long table a '
-                f'map says which rows hold which: {name}: {{column: {entry.column}, where: {{SOURCE_COLUMN: CELL}}}}'
+                f'map says which rows hold which: {name}: {{column: {in_yaml(entry.column)}, where: {{COLUMN: CELL}}}}'
             )
 
 
@@ -270,6 +273,7 @@ def check_complete(path: Path, system: str, header: Sequence[str], origins: Mapp
     """Raise UserError where time or command is missing."""
     missing = [name for name in NEEDED_COLUMNS[system] if name not in origins]
     if not missing:
+        check_measured(path, system, header, origins)
         return
     hint = ''
     known = known_structures()
@@ -282,7 +286,7 @@ def check_complete(path: Path, system: str, header: Sequence[str], origins: Mapp
         other = max(others, key=lambda name: len(set(COLUMNS_BY_SYSTEM[name]) & set(header)))
         hint = f' (it has {NEEDED_COLUMNS[other][1]}: is it the recording of a {other}? say --system {other})'
     hint = hint or hint_for(missing[0], header, COLUMNS_BY_SYSTEM[system], with_map=True)
-    rest = [*missing[1:], *measured_columns(system, header, origins)] if hint and not others else []
+    rest = [] if others else [*missing[1:], *optional_columns(system, origins)]
     more = hint_for_all(rest, header, COLUMNS_BY_SYSTEM[system])
     if not hint and any(SAMPLE_IN_NAME.search(name) for name in header):
         hint = ' (its first row looks like samples: write the names of the columns above them)'
@@ -294,10 +298,22 @@ def check_complete(path: Path, system: str, header: Sequence[str], origins: Mapp
     raise UserError(f'{path} has no column {", ".join(missing)}{hint}{more}; its columns are {columns}')
 
 
-def measured_columns(system: str, header: Sequence[str], origins: Mapping[str, Any]) -> list[str]:
-    """Columns that measurements are expected in, where a file has none of them."""
-    channels = list(known_structures()[system].channel_columns)
-    return [] if any(name in origins or name in header for name in channels) else channels
+def check_measured(path: Path, system: str, header: Sequence[str], origins: Mapping[str, Any]) -> None:
+    """Raise NothingMeasuredError where no measured column is there, but some that may be."""
+    channels = known_structures()[system].channel_columns
+    lines = '' if any(name in origins for name in channels) else hint_for_all(channels, header, COLUMNS_BY_SYSTEM[system])
+    if lines:
+        raise NothingMeasuredError(
+            f'{path}: nothing measured in it; expected some of the columns {", ".join(channels)}{lines}'
+        )
+
+
+def optional_columns(system: str, origins: Mapping[str, Any]) -> list[str]:
+    """Inputs that may be left out, and the measured columns where a file has none of them."""
+    structure = known_structures()[system]
+    inputs = [name for name in structure.input_columns if name not in (*origins, *NEEDED_COLUMNS[system])]
+    measured = any(name in origins for name in structure.channel_columns)
+    return inputs if measured else [*inputs, *structure.channel_columns]
 
 
 def read_noise_file(folder: Path, channels: Sequence[str]) -> dict[str, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -11,19 +12,21 @@ from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
 from sma_sim.model.unit_mismatch import SLOW_STEP, mismatch_of
 
+NONE_LIKE: Mapping[str, str] = {}
 OUTERMOST = 0.02  # of an array, to either side, that may be outliers
 
 
-def check_unit(path: Path, name: str, values: Vector, column: str) -> None:
+def check_unit(path: Path, name: str, values: Vector, column: str, like: Mapping[str, str] = NONE_LIKE) -> None:
     """Raise UserError where the numbers (k,), NaN where missing, cannot be in the unit that `name` ends with.
 
-    `column`: where they come from in the file.
+    `column`: where they come from in the file; `like`: those of quantities like it, by name, that may be in that unit too.
     """
     if mismatch := mismatch_of(name, values):
-        raise UserError(
-            f'{path}, column {name}: {mismatch.words}; a map (--map) can convert: '
-            f'{name}: {{column: {in_yaml(column)}, {mismatch.conversion}}}'
+        line, *others = (
+            f'{one}: {{column: {in_yaml(of)}, {mismatch.conversion}}}' for one, of in ({name: column} | dict(like)).items()
         )
+        too = f'; is the same true of others? {"; ".join(others)}' if others else ''
+        raise UserError(f'{path}, column {name}: {mismatch.words}; a map (--map) can convert: {line}{too}')
 
 
 def array_mismatch(name: str, values: Vector, measured: bool = True) -> str:
