@@ -54,8 +54,8 @@ class SourceFile:
     """Which file is read, as which system, and the ambient temperature [K] where it records none.
 
     `stamped` says that the command has stamps of its own, as in a bag; `namespace` whose topics are read from a bag, and
-    `limits` what its robot accepts; `foreign`: by our columns, those of the file that a map names for them; `converted`: ours
-    whose unit a map converts.
+    `limits` what its robot accepts; `foreign`: by our columns, those of the file that a map names for them; `converted`:
+    those whose unit a map converts.
     """
 
     path: Path
