@@ -10,12 +10,14 @@ import shlex
 import sys
 import time
 import traceback
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from typing import Any, NoReturn
 
 from sma_sim.cli.common.commands import COMMANDS, KINETICS_HELP, add_command
-from sma_sim.model.errors import UserError
+from sma_sim.model.errors import PhysicsWarning, UserError
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.optional import missing
 
@@ -68,7 +70,8 @@ def main(arguments: list[str] | None = None) -> int:
         chosen = parser_for(words).parse_args(words)
         name = f'sma-sim {chosen.verb}'
         chosen.command, chosen.started = shlex.join(['sma-sim', *words]), started
-        code = int(chosen.run(chosen))
+        with physics_in_notes():
+            code = int(chosen.run(chosen))
         flush_output()
         return code
     except UserError as error:
@@ -93,6 +96,22 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
     except Exception:
         return report_fault(name)
+
+
+@contextmanager
+def physics_in_notes() -> Iterator[None]:
+    """While it lasts, a warning about physics is a note, without a line of Python, for people who wrote none."""
+    with warnings.catch_warnings():
+        show = warnings.showwarning
+
+        def note(message: Warning | str, category: type[Warning], *rest: Any, **named: Any) -> None:
+            if issubclass(category, PhysicsWarning):
+                print(f'note: {message}', file=sys.stderr)
+            else:
+                show(message, category, *rest, **named)
+
+        warnings.showwarning = note
+        yield
 
 
 def flush_output() -> None:

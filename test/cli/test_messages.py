@@ -5,14 +5,15 @@ import math
 import os
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import pytest
 
 from sma_sim import find_effects
-from sma_sim.cli.main import main
+from sma_sim.cli.main import main, physics_in_notes
 from sma_sim.evidence.data.tables import write_whole
-from sma_sim.model.errors import UserError
+from sma_sim.model.errors import PhysicsWarning, UserError
 from sma_sim.model.program_parameters import DEFAULTS
 
 
@@ -303,3 +304,11 @@ def test_ctrl_c_while_python_imports(monkeypatch, capsys):
     monkeypatch.setattr('sma_sim.cli.main.import_module', interrupted)
     assert main(['effects']) == 130
     assert capsys.readouterr().err == 'sma-sim: stopped\n'
+
+
+def test_a_warning_about_physics_is_a_note(capsys):
+    with pytest.warns(UserWarning, match='of something else'), physics_in_notes():
+        warnings.warn('of something else', UserWarning, stacklevel=1)
+    with physics_in_notes():
+        warnings.warn('a wire melts', PhysicsWarning, stacklevel=1)
+    assert capsys.readouterr().err == 'note: a wire melts\n'
