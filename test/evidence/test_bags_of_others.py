@@ -16,6 +16,7 @@ from sma_sim.evidence.data.rosbag.commands import UNLIMITED, CommandLimits, in_f
 from sma_sim.evidence.data.rosbag.interface import FLOAT64, FLOAT64_ARRAY, JOINT_STATE
 from sma_sim.evidence.data.rosbag.reader import read_bag
 from sma_sim.evidence.data.rosbag.writer import typestore
+from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import known_structures
 
 SECOND = 10**9
@@ -158,3 +159,12 @@ def test_another_rate_of_the_clock_is_said(tmp_path):
         'the stamps advance 3 s per second of the log times: J_eq_applied, which have none, get those that belong to their'
     )
     assert notes == [f'{words} log times']
+
+
+def test_what_a_bag_has_in_place_of_joints_and_commands_is_named(tmp_path):
+    other = bag(tmp_path / 'joints', [(1.0, [1.0])], 3.0, '/J', FLOAT64_ARRAY, pair)
+    with pytest.raises(UserError, match='expected messages joint_states of the joints position, got U_x, U_y, alpha; name'):
+        read_dataset(other, 'slider')
+    heated = bag(tmp_path / 'heater', [(1.0, 1.0)], 3.0, '/heater/power')
+    with pytest.raises(UserError, match='on /J or /J_applied, got /heater/power, /joint_states; publish or remap'):
+        read_dataset(heated, 'slider')

@@ -6,7 +6,7 @@ from test_table_formats import POSITION, POWER, TIME, check_plain, read, refused
 
 from sma_sim.cli.main import main
 from sma_sim.evidence.data.foreign_columns import hint_for_all, likely_line
-from sma_sim.evidence.data.recordings import read_recording
+from sma_sim.evidence.data.recordings import read_dataset, read_recording
 from sma_sim.evidence.data.stated_units import in_yaml
 from sma_sim.model.errors import UserError
 from sma_sim.model.unit_mismatch import mismatch_of
@@ -214,3 +214,19 @@ def test_quantities_like_one_in_another_unit_are_asked_for(tmp_path):
     way.write_text('U_x_m: {column: Ux, scale: 0.001}\nU_y_m: Uy\n')
     with pytest.raises(UserError, match='U_y_m: {column: Uy, scale: 0.001}$'):
         read_recording(path, 'module', 298.0, way)
+
+
+def test_dates_where_seconds_are_expected(tmp_path, capsys):
+    path = tmp_path / 'run.csv'
+    path.write_text('time_s,J_W\n2026-07-31 21:16:09.05,0\n2026-07-31 21:16:10.05,1\n')
+    assert main(['simulate', '--system', 'slider', '--input', str(path), '--out', str(tmp_path / 'out.csv')]) == 2
+    assert 'write seconds: dates and times of day are read in recordings only' in capsys.readouterr().err
+
+
+def test_a_folder_of_lvm_and_packed_files(tmp_path):
+    for name in ('a.csv', 'b.lvm'):
+        (tmp_path / name).write_text(table(TIME, POWER, POSITION + 1e-4 * (name > 'b'), separator='\t'))
+    (tmp_path / 'c.csv.gz').write_bytes(b'')
+    found = read_dataset(tmp_path, 'slider', noise_std={'position': 1e-6})
+    assert [one.name for one in found.recordings] == ['a', 'b']
+    assert f'{tmp_path}: c.csv.gz left out: packed' in found.notes

@@ -30,7 +30,7 @@ from sma_sim.evidence.data.sessions import (
     rows_with_changes,
 )
 from sma_sim.evidence.data.stated_units import unit_of
-from sma_sim.evidence.data.units import check_unit, slow_sampling
+from sma_sim.evidence.data.units import check_clock_set, check_unit, slow_sampling
 from sma_sim.model.arrays import Mask, Vector
 from sma_sim.model.errors import UserError
 from sma_sim.model.shown import counted, listed
@@ -172,6 +172,7 @@ def session_recording(file: SourceFile, name: str, columns: dict[str, Vector], n
     if len(columns['time_s']) < MIN_SESSION_SAMPLES:
         only = columns['time_s'][0]
         raise UserError(f'{file.path}, column time_s: expected times that increase, got {only:g} in every row')
+    check_clock_set(file.path, file.column_of('time_s'), columns['time_s'])
     check_unit(file.path, 'time_s', columns['time_s'], file.column_of('time_s'))
     if abs(columns['time_s'][0]) > LATEST_START:
         notes.append(f'time is counted from the first row, {columns["time_s"][0]:.3f} s')

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -40,6 +41,11 @@ class CellLayout:
         """How many cells a row has."""
         return len(self.format.header)
 
+    @property
+    def least_width(self) -> int:
+        """How many cells a row has without those at its end that no column has a name for."""
+        return max((k for k, name in enumerate(self.format.header, start=1) if name), default=1)
+
 
 def read_cells(layout: CellLayout) -> tuple[dict[str, Vector], bool]:
     """The columns, (k,) each and NaN at gaps, and whether a cut last line was left out. Raises UserError."""
@@ -49,7 +55,7 @@ def read_cells(layout: CellLayout) -> tuple[dict[str, Vector], bool]:
         count, line, cut = 0, layout.format.lines_before + 1, False
         for text, last in text_blocks(path, layout.format):
             if last and layout.tolerant:
-                text, cut = without_cut_line(text, layout.width)
+                text, cut = without_cut_line(text, layout.least_width)
             block = parsed_block(text, line, layout)
             for column, values in zip(table, block.T, strict=True):
                 column[count : count + len(block)] = values
@@ -160,10 +166,11 @@ def parsed_by_cell(text: str, line: int, layout: CellLayout) -> NDArray[np.float
     for number, row in enumerate(csv.reader(text.split('\n')), start=line):
         if len(row) <= 1 and not ''.join(row).strip():
             continue
+        one_more = len(row) == layout.width + 1
         if len(row) > layout.width and ''.join(row[layout.width :]).strip():
             raise UserError(
                 f'{layout.path}, row {number}: expected {layout.width} cells as in the header, got {len(row)} '
-                f'(decimals need points, not commas)'
+                f'(decimals need points, not commas{"; or a name is missing, as R leaves out the first" * one_more})'
             )
         rows.append(
             [cell_number(row, index, name, number, layout) for name, index in zip(layout.names, layout.indices, strict=True)]
@@ -181,19 +188,23 @@ def cell_number(row: Sequence[str], index: int, name: str, number: int, layout: 
     except ValueError:
         value = float('nan')
     if np.isnan(value) or np.isinf(value) and not layout.tolerant:
-        shown = repr(layout.format.as_written(cell[:40]) or 'nothing')
+        got = repr(layout.format.as_written(cell[:40]) or 'nothing') + cure_of(cell, name, layout.tolerant)
         decimals = ' with a decimal comma, as the file has them' if layout.format.decimal_comma else ''
-        raise UserError(
-            f'{layout.path}, row {number}, column {name}: expected a number{decimals}, got {shown}{cure_of(cell, name)}'
-        )
+        raise UserError(f'{layout.path}, row {number}, column {name}: expected a number{decimals}, got {got}')
     return value
 
 
-def cure_of(cell: str, name: str) -> str:
-    """What to do with a cell that is no number."""
+def cure_of(cell: str, name: str, dates: bool) -> str:
+    """What to do with a cell that is no number; `dates`: the reader takes them."""
     if cell == name:
         return '; the names of the columns again: split the file there'
-    if ':' in cell:
+    if cell.startswith('#'):
+        return '; leave the cell empty: a formula of a spreadsheet failed there'
+    if '\0' in cell:
+        return '; delete the bytes that are 0: the file was not written to its end'
+    if re.search(r'\d:\d', cell) and not dates:
+        return '; write seconds: dates and times of day are read in recordings only'
+    if re.search(r'\d:\d', cell):
         return '; of dates and times of day 2026-07-31 21:16:09.05 and 21:16:09.05 are read'
     if any(sign.isdigit() for sign in cell):
         return '; write the number alone, without a unit or separators of thousands'

@@ -28,11 +28,14 @@ from sma_sim.model.argument_checks import checked
 from sma_sim.model.arrays import Vector
 from sma_sim.model.effects.ports import CHANNELS
 from sma_sim.model.errors import UserError
+from sma_sim.model.shown import listed
 from sma_sim.model.structures.discovery import known_structures
 
 NEGLIGIBLE_FRACTION = 1e-4  # of what a channel spans: smaller noise is below the error of any model
 # [SI] for channels whose samples are too few or all the same: what common sensors have.
 ASSUMED_NOISE = {'U_x': 1e-6, 'U_y': 1e-6, 'alpha': 1e-4, 'stress': 1e5, 'T': 0.1, 'strain': 1e-5}
+PACKED_SUFFIXES = ('.gz', '.zip', '.bz2', '.xz')
+MAX_NAMES = 5  # of files in a note
 RESPONDING = ('strain',)  # channels of quasi-static tests that follow the temperature
 # Of other channels, by the unit in their columns' names.
 ASSUMED_NOISE_IN = {'m': 1e-5, 'rad': 1e-4, 'N': 0.01, 'K': 0.1, 'ohm': 1e-3}
@@ -202,6 +205,9 @@ def unique_files(paths: Sequence[Path], notes: list[str]) -> list[tuple[Path, bo
                 notes.append(f'{file} was given twice: read once')
                 continue
             files[file.resolve()] = (file, file == path)
+        packed = sorted(one.name for one in path.glob('*') if one.suffix in PACKED_SUFFIXES) if path.is_dir() else []
+        if packed:
+            notes.append(f'{path}: {listed(packed, MAX_NAMES)} left out: packed')
     return list(files.values())
 
 

@@ -20,6 +20,7 @@ from sma_sim.evidence.data.own_times import at_own_times, check_other_clock, che
 from sma_sim.evidence.data.recording import HIDDEN_COLUMN, NEEDED_COLUMNS, STD_SUFFIX, OfSystems
 from sma_sim.evidence.data.rosbag.bag_files import is_bag
 from sma_sim.evidence.data.rosbag.commands import CommandLimits
+from sma_sim.evidence.data.rosbag.interface import interface_of, measured_decoders
 from sma_sim.evidence.data.stated_units import in_yaml, stated_unit, unit_of
 from sma_sim.evidence.data.table_format import cells_of_line, is_number, table_format
 from sma_sim.evidence.data.table_units import check_stated_units
@@ -33,7 +34,7 @@ from sma_sim.model.structures.structure import shared_temperature
 
 REGULAR_ROWS = 'if no column holds the time and rows are regular, a map says so: time_s: {interval: SECONDS}'
 META_FILE = 'meta.json'
-TABLE_SUFFIXES, TEXT_SUFFIXES = ('.csv', '.tsv', '.xlsx'), ('.txt', '.dat')
+TABLE_SUFFIXES, TEXT_SUFFIXES = ('.csv', '.tsv', '.xlsx'), ('.txt', '.dat', '.lvm', '.asc')
 COLUMNS_BY_SYSTEM = OfSystems(lambda structure: ('time_s', *structure.input_columns, *structure.channel_columns))
 SAMPLE_IN_NAME = re.compile(r'(?:^|[\s:>])[-+]?\d*[.]\d+$')  # no name of a column ends so
 Columns = dict[str, Vector]
@@ -84,7 +85,7 @@ def read_bag_source(
 ) -> tuple[Columns, list[str]]:
     """The columns of a bag."""
     from sma_sim.evidence.data.rosbag.raw_messages import open_bag  # only here: tables need no library of bags
-    from sma_sim.evidence.data.rosbag.reader import columns_of_bag
+    from sma_sim.evidence.data.rosbag.reader import columns_of_bag, joints_in
 
     bag = open_bag(path)
     notes = [] if bag.whole else ['the bag breaks off: read as far as it goes']
@@ -94,6 +95,16 @@ def read_bag_source(
     if chosen := [name for name, entry in origins.items() if entry.where]:
         raise UserError(f'the map {mapping.path}, {chosen[0]}, where: bags have topics; only CSV files are long tables')
     columns = {name: column_in_si(entry, found, rows) for name, entry in origins.items()}
+    structure = known_structures()[system]
+    if not any(np.isfinite(columns[name]).any() for name in structure.channel_columns if name in columns):
+        joints, got = ', '.join(interface_of(structure).joints), ', '.join(joints_in(bag, namespace))
+        expected = (
+            f'joint_states of the joints {joints}' if joints else ', '.join(measured_decoders(interface_of(structure)))
+        )
+        raise NothingMeasuredError(
+            f'{path}: nothing measured in it; expected messages {expected}, got {got or "none"}; name them so where they '
+            f'are published, or export the bag as CSV and name its columns in a map (--map)'
+        )
     return columns | noise_of_rows(path, system, origins, found), notes
 
 

@@ -51,6 +51,7 @@ MISSING_CELLS = frozenset(
         *(s + '1.#' + w for s in ('', '-') for w in ('ind', 'qnan')),
     ]
 )
+PACKED = (b'\x1f\x8b', b'PK\x03\x04', b'BZh', b'\xfd7zXZ')  # what files of gzip, ZIP, bzip2 and xz begin with
 DATE_TEXT = r'(?:\d{4}[-/]\d\d[-/]\d\d|\d\d?[./ -](?:\d\d?|[A-Za-z]{3})[./ -]\d{4},?)(?:[T ].*)?'
 SAMPLE_TEXT = re.compile(
     rf'{DATE_TEXT}|(?:\d+ days?,? )?\d\d?:\d\d:\d\d.*|\S+ (?:ms|sec|min|hr)'
@@ -141,6 +142,8 @@ def check_text(path: Path) -> None:
     """Raise UserError for a binary file, such as those of LabVIEW, MATLAB or old spreadsheets."""
     with path.open('rb') as raw:
         head = raw.read(HEAD)
+    if head.startswith(PACKED) and path.suffix.lower() != SUFFIX:
+        raise UserError(f'{path} is packed: unpack it, and read the file in it')
     if b'\0' in head and path.suffix.lower() != SUFFIX and head[:2] not in (BOM_UTF16_LE, BOM_UTF16_BE):
         raise UserError(f'{path} is not a CSV file: it is binary; export the table as CSV in UTF-8')
 

@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from sma_sim.evidence.data.stated_units import in_yaml
+from sma_sim.evidence.data.stated_units import in_yaml, unit_of
 from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
-from sma_sim.model.unit_mismatch import SLOW_STEP, mismatch_of
+from sma_sim.model.unit_mismatch import MAX_DURATION, SLOW_STEP, mismatch_of
 
 NONE_LIKE: Mapping[str, str] = {}
+JUMP = 1e3  # times as long as all other steps together, a step is a clock that was set, in whatever unit
 OUTERMOST = 0.02  # of an array, to either side, that may be outliers
 
 
@@ -22,11 +23,38 @@ def check_unit(path: Path, name: str, values: Vector, column: str, like: Mapping
     `column`: where they come from in the file; `like`: those of quantities like it, by name, that may be in that unit too.
     """
     if mismatch := mismatch_of(name, values):
+        check_mark(path, name, values)
         line, *others = (
             f'{one}: {{column: {in_yaml(of)}, {mismatch.conversion}}}' for one, of in ({name: column} | dict(like)).items()
         )
         too = f'; is the same true of others? {"; ".join(others)}' if others else ''
         raise UserError(f'{path}, column {name}: {mismatch.words}; a map (--map) can convert: {line}{too}')
+
+
+def check_mark(path: Path, name: str, values: Vector) -> None:
+    """Raise UserError where one of the values (k,), far from others, is no number of the unit of `name`: it marks gaps."""
+    known = values[np.isfinite(values)]
+    for mark in (known.min(), known.max()):
+        rest = known[known != mark]
+        count = len(known) - len(rest)
+        is_far = count < len(rest) and np.abs(rest - mark).min() > np.ptp(rest)
+        if is_far and name != 'time_s' and mismatch_of(name, rest) is None:
+            raise UserError(
+                f'{path}, column {name}: {mark:g} in {count} rows is no value in {unit_of(name)}, all others are; where it '
+                f'stands for none, leave these cells empty'
+            )
+
+
+def check_clock_set(path: Path, column: str, time: Vector) -> None:
+    """Raise UserError where times (k,) [s] go on for minutes, but for one jump of months: the clock was set."""
+    steps = np.diff(time)
+    at = int(np.argmax(steps))
+    rest = time[-1] - time[0] - steps[at]
+    if steps[at] > max(MAX_DURATION, JUMP * rest) and rest > 0.0:
+        raise UserError(
+            f'{path}, column {column}: expected times that go on, got {time[at]:.12g} s and then {time[at + 1]:.12g} s: the '
+            f'clock was set there; delete the {at + 1} rows before, or split the file'
+        )
 
 
 def array_mismatch(name: str, values: Vector, measured: bool = True) -> str:

@@ -17,7 +17,7 @@ from sma_sim.model.errors import UserError
 
 SUFFIX = '.xlsx'
 WINDOWS = 'cp1252'  # an encoding of western letters, in which loggers write degrees and micrometres
-HEAD_SIZE = 1 << 16  # bytes that tell the encoding
+PIECE = 1 << 20  # bytes that are decoded at once to tell the encoding: bounds the memory
 # What broken workbooks make openpyxl, and the parsers of ZIP and XML below it, stumble over.
 BROKEN = (BadZipFile, zlib.error, OSError, EOFError, NotImplementedError, SyntaxError, LookupError, TypeError, ValueError)
 
@@ -30,15 +30,24 @@ def open_text(path: Path) -> IO[str]:
 
 
 def encoding_of(path: Path) -> str:
-    """UTF-16 where a mark says so, UTF-8, or the letters of Windows where the beginning of a file is not UTF-8."""
+    """UTF-16 where a mark says so, UTF-8, or the letters of Windows where a file has others, and none of UTF-8 before."""
+    return encoding_of_version(path, path.stat().st_mtime_ns, path.stat().st_size)
+
+
+@lru_cache(maxsize=1)
+def encoding_of_version(path: Path, changed: int, size: int) -> str:
+    """The encoding of a file that was last `changed` [ns] and has a `size` [B]: all of it is decoded, in pieces."""
+    decoder, is_ascii = getincrementaldecoder('utf-8')(), True
     with path.open('rb') as raw:
-        head = raw.read(HEAD_SIZE)
-    if head[:2] in (BOM_UTF16_LE, BOM_UTF16_BE):
-        return 'utf-16'
-    try:
-        getincrementaldecoder('utf-8')().decode(head)
-    except UnicodeDecodeError:
-        return WINDOWS
+        block = raw.read(PIECE)
+        if block[:2] in (BOM_UTF16_LE, BOM_UTF16_BE):
+            return 'utf-16'
+        try:
+            while block:
+                is_ascii &= decoder.decode(block).removeprefix('\ufeff').isascii()
+                block = raw.read(PIECE)
+        except UnicodeDecodeError as error:
+            return WINDOWS if is_ascii and error.object[: error.start].isascii() else 'utf-8-sig'
     return 'utf-8-sig'
 
 

@@ -96,7 +96,11 @@ def columns_of_bag(
     topics = (interface.heating_topic, *interface.drives)
     if not any(name in series for topic in topics for name in (topic, f'{topic}{APPLIED}')):
         expected = ' or '.join(f'{prefix}{name}' for name in (topics[0], f'{topics[0]}{APPLIED}'))
-        raise UserError(f'{bag.path} has no command: expected messages on {expected}')
+        given = ', '.join(sorted(bag.topics()))
+        raise UserError(
+            f'{bag.path} has no command: expected messages on {expected}, got {given}; publish or remap the power to that '
+            f'topic, or export the bag as CSV and name its columns in a map (--map)'
+        )
     times = message_times(series, 'epoch' in bag.about, measured, notes)
     zero = int(bag.about['epoch']) if 'epoch' in bag.about else min(int(t[0]) for t in times.values())
     apply_command_rules(series, times, zero, interface, limits, notes)
@@ -129,6 +133,11 @@ def interface_of_bag(bag: Bag, prefix: str, structure: Structure | None = None) 
     if heating == WIRE_COMMAND and count > 1:
         return Interface('robot', {}, tuple(f'{WIRE_COMMAND}_{i + 1}' for i in range(count)), count, {}, {})
     return interface_of(package_structures()['module' if heating == PAIR_COMMAND else 'wire'])
+
+
+def joints_in(bag: Bag, namespace: str | None) -> list[str]:
+    """The names of the joints in a bag. Raises UserError as `read_bag` does."""
+    return first_message(bag, {f'{topic_prefix(bag, namespace)}joint_states'}, JOINT_STATE, 'name')
 
 
 def has_joints(names: Sequence[str], expected: Sequence[str]) -> bool:
