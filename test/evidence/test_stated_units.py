@@ -65,6 +65,7 @@ def test_what_a_map_says_wins(tmp_path):
     text = table(TIME, POWER, 1.0 + TIME, POSITION, header=('time_s', 'J_W', 'F_g', 'position_m'))
     (recording,) = read(tmp_path, text, 'F_N: {column: F_g, scale: 1}\n')
     assert recording.channels['F'][0] == 1.0
+    assert 'the map converts other than from the unit stated: F_g (g)' in recording.notes
     text = table(TIME, POWER, 300.0 + TIME, POSITION, header=('time_s', 'J_W', 'T_C', 'position_m'))
     (recording,) = read(tmp_path, text, 'T_K: {column: T_C, scale: 1, offset: 0}\n')
     assert recording.channels['T'][0] == 300.0
@@ -103,6 +104,7 @@ def test_the_names_of_a_product_state_its_scale(tmp_path, voltage, current, scal
         ('T_K', ['t', 'T'], '{column: T, scale: 1}'),
         ('time_s', ['T', 't'], '{column: t, scale: 1}'),
         ('T_K', ['t', 'x'], ''),
+        ('F_N', ['C', 'F'], '{column: F, scale: 1}'),
         ('alpha_rad', ['angle_rev'], '{column: angle_rev, scale: 6.283185307}'),
         ('alpha_rad', ['angle_raw'], '{column: angle_raw, scale: FACTOR}'),
         ('stress_Pa', ['Stress [ksi]'], '{column: "Stress [ksi]", scale: 6894757.293}'),

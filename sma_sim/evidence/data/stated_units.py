@@ -177,14 +177,13 @@ def stem_and_unit(column: str) -> tuple[str, str, bool]:
         stem, word = found.groups() if found else (column, '')
         if unit := known_unit(word) or (word if word.lower() in NUMBERS else ''):
             return stem, unit, unit not in LABELS
-    unit = known_unit(column)
-    return ('', unit, False) if unit else (column, '', False)
+    return column, '', False
 
 
 def unit_in_name(name: str, column: str) -> str:
-    """The unit that a foreign column has in its name, taken for one of ours; empty where it states none."""
-    _, unit, certain = stem_and_unit(column)
-    ours = unit_of(name)
+    """The unit that a foreign column has in its name, or for a name, taken for one of ours; empty where it states none."""
+    ours, (_, unit, certain) = unit_of(name), stem_and_unit(column)
+    unit = unit or known_unit(column)
     return unit if certain or unit in UNITS[ours] or (ours, unit) == ('W', 'A') else ''
 
 

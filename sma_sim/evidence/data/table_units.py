@@ -24,21 +24,29 @@ from sma_sim.evidence.data.stated_units import (
 from sma_sim.evidence.data.table_format import TableFormat
 from sma_sim.model.errors import UserError
 
+ROUNDED = 1e-2  # of a scale in a map: people write 4.45 for a pound, 9.8 for a kilogram
 INSIST = ' (scale: 1 where that is no unit)'
 
 
 def check_stated_units(path: Path, written: TableFormat, origins: Mapping[str, Origin]) -> list[str]:
-    """A note on columns without a unit; raise UserError where a table states another one than ours, and no map converts."""
-    assumed = list[str]()
+    """Notes on columns without a unit, and on those of which a map says another scale than that of their unit.
+
+    Raises UserError where a table states another unit than ours, and no map converts.
+    """
+    assumed, overridden = list[str](), list[str]()
     for name, entry in origins.items():
-        if entry.column is None or entry.nanosec is not None or (entry.converts and not entry.times):
+        if entry.column is None or entry.nanosec is not None or entry.pace is not None:
             continue
-        unit, where = stated_unit(name, entry.column, written.units)
         if entry.times is not None:
             check_product(path, name, entry, written.units)
-        elif not unit and entry.column != name:
+            continue
+        unit, where = stated_unit(name, entry.column, written.units)
+        known = UNITS[unit_of(name)].get(unit)
+        if not unit and entry.column != name and not entry.converts:
             assumed.append(f'{entry.column} in {unit_of(name)}'.removesuffix(' in -'))
-        elif unit and not entry.has_unit and UNITS[unit_of(name)].get(unit) != (1.0, 0.0):
+        elif known and entry.has_unit and not is_conversion(entry, known):
+            overridden.append(f'{entry.column} ({unit})')
+        elif unit and known != (1.0, 0.0) and not entry.has_unit and not entry.converts:
             cure = map_line(name, entry.column, unit)
             if unit in VOLTS or unit in AMPERES:
                 cure = likely_line(name, [other for other in written.header if other not in origins]) or cure
@@ -46,7 +54,14 @@ def check_stated_units(path: Path, written: TableFormat, origins: Mapping[str, O
                 f'{path}, column {entry.column}: {where} says {unit}, expected {unit_of(name)} for {name}; a map (--map) '
                 f'can convert: {cure}{INSIST if where == "its name" else ""}'
             )
-    return [f'no unit stated: {", ".join(assumed)} assumed'] if assumed else []
+    notes = [f'no unit stated: {", ".join(assumed)} assumed'] if assumed else []
+    return notes + ([f'the map converts other than from the unit stated: {", ".join(overridden)}'] if overridden else [])
+
+
+def is_conversion(entry: Origin, known: tuple[float, float]) -> bool:
+    """Whether a map converts by a known scale and offset, but for the sign and for the zero of a sensor."""
+    offset = entry.offset if known[1] else 0.0
+    return bool(np.allclose((abs(entry.scale), offset), known, rtol=ROUNDED))
 
 
 def check_product(path: Path, name: str, entry: Origin, row: Mapping[str, str]) -> None:
