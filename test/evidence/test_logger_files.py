@@ -502,6 +502,11 @@ REFUSED = {  # content, map, what is said
         '',
         'got 1 s and then 1785000001.05 s: the clock was set there; delete the 21 rows before',
     ),
+    'power of the other sign': (
+        PLAIN.partition('\n')[0] + '\n' + rows(lambda _, t, p, x: f'{t:.2f},{-p},{x:.9f}'),
+        '',
+        'which looks like the wrong sign; a map (--map) can convert: J_W: {column: J_W, scale: -1}',
+    ),
     'a mark of missing samples': (
         PLAIN.partition('\n')[0] + '\n' + rows(lambda k, t, p, x: f'{t:.2f},{p},{-999 if k % 5 == 0 else x:.9f}'),
         '',

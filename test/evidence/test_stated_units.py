@@ -71,7 +71,7 @@ def test_what_a_map_says_wins(tmp_path):
     assert recording.channels['T'][0] == 300.0
 
 
-@pytest.mark.parametrize('names', [('position[0]', '/cmd/J', '__time'), ('F_2', 'U_x', 't')])
+@pytest.mark.parametrize('names', [('position[0]', '/cmd/J', '__time'), ('Way (wire 1)', 'P_1', 't'), ('F_2', 'U_x', 't')])
 def test_names_without_a_unit_are_noted(tmp_path, names):
     position, power, time = names
     text = table(TIME, POWER, POSITION, header=(time, power, position))
@@ -232,3 +232,14 @@ def test_a_folder_of_lvm_and_packed_files(tmp_path):
     found = read_dataset(tmp_path, 'slider', noise_std={'position': 1e-6})
     assert [one.name for one in found.recordings] == ['a', 'b']
     assert f'{tmp_path}: c.csv.gz left out: packed' in found.notes
+
+
+def test_inches_in_lines_above_are_no_quotes(tmp_path):
+    above = 'Wire of 5" by\nCase of 3"\n'
+    check_plain(read(tmp_path, table(TIME, POWER, POSITION, above=above)), '2 lines above')
+
+
+def test_dates_every_second_are_no_numbers_of_rows(tmp_path):
+    dates = [f'2026-07-31 21:{k // 60:02d}:{k % 60:02d}' for k in range(len(TIME))]
+    (recording,) = read(tmp_path, table(dates, POWER, POSITION, header=('time', 'J_W', 'position_m')), 'time_s: time\n')
+    assert not any('goes on by 1' in note or 'no unit' in note for note in recording.notes)

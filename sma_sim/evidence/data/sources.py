@@ -143,8 +143,8 @@ def read_csv_source(path: Path, system: str, mapping: ColumnMap) -> tuple[Column
         notes.append(f'columns not used: {listed(unused, MAX_NAMES)}')
     if time is not None:
         notes += time_counted_on(path, cells[time], reader is not None)
-        is_second = time == 'time_s' or origins['time_s'].converts or stated_unit('time_s', time, written.units)[0]
-        if not is_second and (np.diff(cells[time]) == 1.0).all():
+        stated = reader is not None or time == 'time_s' or stated_unit('time_s', time, written.units)[0]
+        if not stated and not origins['time_s'].converts and (np.diff(cells[time]) == 1.0).all():
             notes.append(
                 f'{time} goes on by 1 from row to row, taken as 1 s: if it numbers the rows, a map says how long one lasts'
             )

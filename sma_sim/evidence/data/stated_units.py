@@ -163,15 +163,16 @@ def known_unit(word: str, loosely: bool = False) -> str:
 def stem_and_unit(column: str) -> tuple[str, str, bool]:
     """A foreign column without its unit, the unit, empty where it has none, and whether that can be nothing else.
 
-    What stands in brackets at the end is a unit, known or not, unless it is a number.
+    What stands in brackets at the end is a unit, known or not, unless it is a number or several words.
     """
     brackets = list(BRACKETS.finditer(column))
     known = [one for one in brackets if known_unit(one[1], loosely=True)]
     last = brackets[-1:] if brackets and brackets[-1].end() == len(column.rstrip()) else []
     for one in [*known[-1:], *last]:
         word = one[1].strip()
-        if word and not word.isdigit():
-            return column[: one.start()].rstrip(' _/'), known_unit(word, loosely=True) or word, True
+        unit = known_unit(word, loosely=True) or ('' if word.isdigit() or ' ' in word else word)
+        if unit:
+            return column[: one.start()].rstrip(' _/'), unit, True
     for apart in (r'\s_,', r'\s_,/'):
         found = re.fullmatch(rf'(.+?)[{apart}]+([^{apart}]+)', column.strip())
         stem, word = found.groups() if found else (column, '')

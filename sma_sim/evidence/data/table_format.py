@@ -31,6 +31,7 @@ HEAD = 200  # lines in which a table begins: headers of data loggers have up to 
 MIN_NUMBERS = 2  # in a row of a table that holds text too: a time and a quantity
 SAMPLES = 3  # rows of numbers that make a table
 UNIT_LABELS = frozenset(['unit', 'units', 'einheit', 'einheiten', 'y_unit_label'])  # what a line of units begins with
+OPEN_QUOTE = re.compile(r'(?:^|[,;\t|]) *"[^"]*$')  # a cell that goes on in the next line; 5" is a length
 MAX_BREAKS = 10  # lines in a quoted name at most
 UNIT_ROWS = 2  # between the names and the numbers at most
 MAX_SAID = 40  # characters of each row between them, where there are others
@@ -53,9 +54,8 @@ MISSING_CELLS = frozenset(
 )
 PACKED = (b'\x1f\x8b', b'PK\x03\x04', b'BZh', b'\xfd7zXZ')  # what files of gzip, ZIP, bzip2 and xz begin with
 DATE_TEXT = r'(?:\d{4}[-/]\d\d[-/]\d\d|\d\d?[./ -](?:\d\d?|[A-Za-z]{3})[./ -]\d{4},?)(?:[T ].*)?'
-SAMPLE_TEXT = re.compile(
-    rf'{DATE_TEXT}|(?:\d+ days?,? )?\d\d?:\d\d:\d\d.*|\S+ (?:ms|sec|min|hr)'
-)  # dates, times of day, durations
+# Dates, times of day, durations.
+SAMPLE_TEXT = re.compile(rf'{DATE_TEXT}|(?:\d+ days?,? )?\d\d?:\d\d:\d\d.*|\S+ (?:ms|sec|min|hr)')
 THOUSANDS = re.compile(r'[-+]?[1-9]\d{0,2},\d{3}')  # a decimal comma, or a separator of thousands: nobody can tell
 AMBIGUOUS = {  # by sign: what it may be in decimals, and how to write numbers of which everybody can tell
     ',': ('comma', 'expected points in decimals: write them so, and no separators of thousands'),
@@ -143,7 +143,7 @@ def check_text(path: Path) -> None:
     with path.open('rb') as raw:
         head = raw.read(HEAD)
     if head.startswith(PACKED) and path.suffix.lower() != SUFFIX:
-        raise UserError(f'{path} is packed: unpack it, and read the file in it')
+        raise UserError(f'{path} is packed: unpack it, or save the sheet of a workbook as CSV')
     if b'\0' in head and path.suffix.lower() != SUFFIX and head[:2] not in (BOM_UTF16_LE, BOM_UTF16_BE):
         raise UserError(f'{path} is not a CSV file: it is binary; export the table as CSV in UTF-8')
 
@@ -174,7 +174,8 @@ def format_of_lines(path: Path, file: IO[str], wanted: frozenset[str]) -> TableF
     at, before = content[first], content[passed] + 1
     comments = [line for line in head[:at] if COMMENT_LINE.match(line)]
     commented = [cells_of_line(line.lstrip('#/% \t'), separator) for line in comments]
-    names = [cells for cells in commented if len(cells) == len(header) > 1 and not all(map(known_unit, cells))]
+    fitting = [cells for cells in commented if len(cells) == len(header) > 1]
+    names = [cells for cells in fitting if not all(map(known_unit, cells))] or fitting
     if all(is_number(cell.replace(',', '.')) for cell in header) and names:
         header, rows, before = names[-1], [], at  # the header is the last comment
     above = passed - len(rows)
@@ -297,7 +298,7 @@ def with_whole_names(lines: Sequence[str]) -> list[str]:
     """The first lines of a file, those that a quoted name with line breaks goes on in all in the last of them."""
     found = list(lines)
     for k in range(len(found)):
-        for end in range(k + 1, min(k + MAX_BREAKS, len(found))) if found[k].count('"') % 2 else ():
+        for end in range(k + 1, min(k + MAX_BREAKS, len(found))) if OPEN_QUOTE.search(found[k]) else ():
             if found[end].count('"') % 2:
                 found[end] = ' '.join(line.strip('\r\n') for line in found[k:end]) + ' ' + found[end]
                 found[k:end] = [''] * (end - k)

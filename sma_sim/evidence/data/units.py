@@ -37,8 +37,8 @@ def check_mark(path: Path, name: str, values: Vector) -> None:
     for mark in (known.min(), known.max()):
         rest = known[known != mark]
         count = len(known) - len(rest)
-        is_far = count < len(rest) and np.abs(rest - mark).min() > np.ptp(rest)
-        if is_far and name != 'time_s' and mismatch_of(name, rest) is None:
+        is_far = count < len(rest) and np.abs(rest - mark).min() > np.ptp(rest) > 0.0
+        if is_far and unit_of(name) not in ('s', 'W') and mismatch_of(name, rest) is None:  # a command has levels
             raise UserError(
                 f'{path}, column {name}: {mark:g} in {count} rows is no value in {unit_of(name)}, all others are; where it '
                 f'stands for none, leave these cells empty'
