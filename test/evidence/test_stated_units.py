@@ -8,6 +8,7 @@ from sma_sim.cli.main import main
 from sma_sim.evidence.data.foreign_columns import hint_for_all, likely_line
 from sma_sim.evidence.data.recordings import read_dataset, read_recording
 from sma_sim.evidence.data.stated_units import in_yaml
+from sma_sim.evidence.data.time_formats import seconds_reader
 from sma_sim.model.errors import UserError
 from sma_sim.model.unit_mismatch import mismatch_of
 
@@ -237,6 +238,13 @@ def test_a_folder_of_lvm_and_packed_files(tmp_path):
 def test_inches_in_lines_above_are_no_quotes(tmp_path):
     above = 'Wire of 5" by\nCase of 3"\n'
     check_plain(read(tmp_path, table(TIME, POWER, POSITION, above=above)), '2 lines above')
+
+
+def test_a_month_that_no_row_told_is_not_guessed():
+    read_seconds = seconds_reader('07/07/2026 23:59:59')
+    assert read_seconds('07/07/2026 23:59:59') > 1.7e9
+    with pytest.raises(ValueError, match='08'):
+        read_seconds('07/08/2026 00:00:00')
 
 
 def test_dates_every_second_are_no_numbers_of_rows(tmp_path):

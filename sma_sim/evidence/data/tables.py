@@ -55,8 +55,8 @@ def check_row_of_units(path: Path, names: Sequence[str], row: Mapping[str, str])
         if unit and UNITS[unit_of(name)].get(unit) != (1.0, 0.0):
             how = conversion(name, unit).replace('scale:', 'multiply by').replace('offset:', 'add')
             raise UserError(
-                f'{path}, column {name}: {where} says {unit}, expected {unit_of(name)}; convert the numbers ({how}), or '
-                f'correct that row'
+                f'{path}, column {name}: {where} says {unit}, expected {unit_of(name)}; convert the numbers ({how}) and '
+                f'that row, or correct the row alone'
             )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from datetime import datetime, timedelta, timezone
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -50,7 +51,8 @@ def seconds_reader(cell: str) -> Callable[[str], float] | None:
         if sign != '.' and max(int(first), int(second)) <= MAX_MONTH and first != second:
             raise ValueError(text)
         day_first = sign == '.' or int(second) <= MAX_MONTH
-        return seconds_of(YEAR_LAST, 3, 2 if day_first else 0, 0 if day_first else 2)
+        seconds = seconds_of(YEAR_LAST, 3, 2 if day_first else 0, 0 if day_first else 2)
+        return seconds if day_and_month(text) > 1 or sign == '.' else partial(seconds_of_equal, seconds)
     if CLOCK.fullmatch(text):
         return lambda one: float('nan') if is_empty(one) else seconds_of_clock(one)
     return seconds_of_duration if DURATION.fullmatch(text) else None
@@ -60,6 +62,13 @@ def day_and_month(cell: str) -> int:
     """How many numbers the day and the month of a date are before its year, 0 where it is none: 7/7 is one number."""
     found = YEAR_LAST.fullmatch(cell.strip())
     return len({int(found[1]), int(found[3])}) if found else 0
+
+
+def seconds_of_equal(seconds: Callable[[str], float], cell: str) -> float:
+    """The seconds of a date whose day and month are one number, as those before. Raises ValueError for another."""
+    if day_and_month(cell) > 1:
+        raise ValueError(cell)
+    return seconds(cell)
 
 
 def seconds_of(form: re.Pattern[str], year: int, month: int, day: int) -> Callable[[str], float]:
