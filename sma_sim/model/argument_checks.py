@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping, Sized
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from concurrent.futures import Executor
 from dataclasses import fields
 from functools import lru_cache, wraps
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.model.errors import UserError
+from sma_sim.model.frozen import frozen, own_array
 from sma_sim.model.likely_unit import kelvin_hint
 from sma_sim.model.parameters import KELVIN, is_number
 
@@ -38,6 +39,7 @@ WORDS: Mapping[Any, str] = {
 }
 LIKE: Mapping[Any, Any] = {Path: (str, os.PathLike), bool: (bool, np.bool_)}  # what is taken in place of a type
 Function = TypeVar('Function', bound=Callable[..., Any])
+MAX_DIFFERENCE = 100.0  # [K]: of ambient temperatures; what differs by more is a temperature
 MAX_SHOWN = 60  # characters of a value in a message
 DATES = {  # kinds of NumPy's types, and what makes seconds of them
     'M': "for seconds write (t - t[0]) / numpy.timedelta64(1, 's')",
@@ -52,24 +54,29 @@ def checked(function: Function) -> Function:
     @wraps(function)
     def with_checks(*given: Any, **named: Any) -> Any:
         try:
-            arguments = parameters.bind(*given, **named).arguments
+            bound = parameters.bind(*given, **named)
         except TypeError:
             return function(*given, **named)  # says which argument is missing, or is not known
         hints = hints_of(function)
-        for name, value in arguments.items():
+        for name, value in bound.arguments.items():
+            if isinstance(value, Iterator):  # what a check has read would be missing afterwards
+                bound.arguments[name] = value = tuple(value)
             if name in hints:
                 expect(name, value, hints[name])
-        return function(*given, **named)
+        return function(*bound.args, **bound.kwargs)
 
     return cast(Function, with_checks)
 
 
 def check_fields(record: Any) -> None:
-    """Raise UserError for a field of a dataclass that is not as annotated."""
+    """Raise UserError for a field of a dataclass that is not as annotated, and keep each as it is now (`frozen`)."""
     kind: Any = type(record)
     hints = hints_of(kind)
     for field in fields(record):
-        expect(field.name, getattr(record, field.name), hints[field.name])
+        given = getattr(record, field.name)
+        value = frozen(given)
+        expect(field.name, value if isinstance(given, Iterator) else given, hints[field.name])
+        object.__setattr__(record, field.name, value)
 
 
 @lru_cache
@@ -134,7 +141,7 @@ def is_like(value: Any, hint: Any) -> bool:
 
 def is_like_several(value: Any, hint: Any) -> bool:
     """Whether a value is several of a type; numbers are read, and complained of, where arrays are made of them."""
-    if isinstance(value, str | bytes) or not isinstance(value, Iterable):
+    if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):  # of a mapping, values would be lost
         return False
     numbers = hint is float or isinstance(value, np.ndarray) or not isinstance(value, Sized)
     return numbers or all(is_like(one, hint) for one in value)
@@ -169,12 +176,25 @@ def as_array(name: str, value: Any, like: str = '') -> NDArray[np.float64]:
         raise UserError(f'{name}: expected numbers{like and f" {like}"}, got {shown(value)}') from error
 
 
+def as_own_array(name: str, value: Any, like: str = '') -> NDArray[np.float64]:
+    """The same, read-only: what was given may change afterwards (`own_array`)."""
+    return own_array(as_array(name, value, like))
+
+
 def as_kelvin(name: str, value: float) -> float:
     """A temperature [K]. Raises UserError for one that no robot's surroundings have, as in degrees Celsius."""
     expect(name, value, float)
     low, high = KELVIN
     if not low <= value <= high:
         raise UserError(f'{name} = {value:g}: expected kelvin between {low:g} and {high:g}{kelvin_hint(value)}')
+    return value
+
+
+def as_difference(name: str, value: float) -> float:
+    """By how much an ambient temperature differs [K]. Raises UserError for what must be a temperature itself."""
+    expect(name, value, float)
+    if not abs(value) <= MAX_DIFFERENCE:
+        raise UserError(f'{name} = {value:g}: expected a difference of temperatures [K], at most {MAX_DIFFERENCE:g}')
     return value
 
 

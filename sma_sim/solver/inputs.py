@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.model.argument_checks import as_array, as_kelvin, expect
+from sma_sim.model.argument_checks import as_array, as_kelvin, as_own_array, expect
 from sma_sim.model.arrays import Vector
 from sma_sim.model.comparable import Comparable
 from sma_sim.model.errors import UserError
@@ -42,13 +42,15 @@ class Input(Shown, Comparable):
     def __post_init__(self) -> None:
         expect('linear', self.linear, Sequence[bool])
         expect('names', self.names, Sequence[str])
-        times, values = as_array('times', self.times), as_array('values', self.values)
+        times, values = as_own_array('times', self.times), as_own_array('values', self.values)
         if times.ndim != 1 or values.shape != (len(times), len(self.linear)) or len(times) == 0:
             raise UserError(
                 f'input: expected times (k,) and values (k, {len(self.linear)}), got {times.shape} and {values.shape}'
             )
         object.__setattr__(self, 'times', times)
         object.__setattr__(self, 'values', values)
+        object.__setattr__(self, 'linear', tuple(self.linear))
+        object.__setattr__(self, 'names', tuple(self.names))
         if not (np.isfinite(times).all() and np.isfinite(values).all()):
             raise UserError('input: times and values must be finite numbers')
         if len(self.columns) != len(self.linear):

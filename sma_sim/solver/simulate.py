@@ -128,10 +128,18 @@ def new_run(
     if p.coordinates > 0:
         check_start(model, work.first.obs)
     if not beginning.is_at_rest:
-        y[:n] += beginning.pose
-        moved = moved_states(model, beginning)
-        package_compiler().function(take_fractions)(state, at_rest, within, moved, hybrid, work)
-        y[n : 2 * n] = beginning.rates
+        y[:n] += beginning.pose or 0.0
+        moved, take = moved_states(model, beginning), package_compiler().function(take_fractions)
+        if not len(parts):
+            ends = []
+            for part in (0.0, 1.0):
+                take(state, at_rest, np.full(p.wires, part), moved, hybrid, work)
+                ends.append(state.x_frozen.copy())
+            least, width = ends[0], ends[1] - ends[0]
+            wanted = np.where(np.isnan(requested), least, requested) - least
+            within = np.clip(np.divide(wanted, width, out=np.zeros(p.wires), where=width > 0.0), 0.0, 1.0)
+        take(state, at_rest, within, moved, hybrid, work)
+        y[n : 2 * n] = beginning.rates or 0.0
     if p.mas:
         y[p.first_x : p.first_x + p.wires] = state.x_frozen
     control = np.zeros(C_WIRES + PER_WIRE_CONTROLS * p.wires)

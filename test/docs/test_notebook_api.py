@@ -546,12 +546,32 @@ SHAPES = {
         lambda: Config(system=replace(pusher(), defaults={'wire.n': -1.0})),
         'wire.n = -1: expected 1',
     ),
+    'warmth of three wires': (
+        lambda: told(beginning=sma_sim.Beginning((1.0, 2.0, 3.0))),
+        'nuisance, warmth = (1.0, 2.0, 3.0): expected 2 difference(s) from the ambient [K], one by wire',
+    ),
+    'warmth that is none': (lambda: told(beginning=sma_sim.Beginning((np.nan, 0.0))), 'warmth = (nan, 0.0): expected 2'),
+    'one warmth': (lambda: told(beginning=sma_sim.Beginning(3.0)), 'warmth: expected a list of number; got 3.0'),
+    'pose of one coordinate': (lambda: told(beginning=sma_sim.Beginning(pose=(0.1,))), 'pose = (0.1,): expected 3'),
+    'states of no effect': (
+        lambda: told(beginning=sma_sim.Beginning(states=(('foo', (1.0,)),))),
+        "states: no active effect 'foo' that has any",
+    ),
+    'factor of no parameter': (lambda: told(factors=(('beam.e', 2.0),)), "no parameter 'beam.e'; did you mean beam.E?"),
+    'negative factor': (lambda: told(factors=(('beam.E', -2.0),)), 'factors: -2.0 for beam.E; expected a number above 0'),
+    'ambient of a room': (lambda: told(ambient=298.0), 'nuisance, ambient = 298: expected a difference of temperatures'),
+    'powers of more commands': (lambda: told(powers=(0.1,) * 6), 'expected 2 difference(s) [W], one by power'),
+    'ambient std of a room': (lambda: recorded(ambient_std=298.0), 'ambient_std = 298: expected a difference of'),
 }
 MM = sma_sim.Coordinate('x', 'mm', 1.0)
 
 
 def recorded(time=TIME, source=COMMAND, channels=None, **more):
     return Recording('r', 'module', time, channels or {'alpha': ALPHA}, source, **more)
+
+
+def told(**nuisance):
+    return sma_sim.predict(Config(), recorded(), sma_sim.Nuisance(**nuisance))
 
 
 def pulled(strain=0.06, stress=3e8):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from systems import active
 
-from sma_sim import Config, Dataset, Recording, module_input, wire_input
+from sma_sim import Config, Dataset, Recording, module_input, predict, wire_input
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
 from sma_sim.evidence.estimation.free_parameters import (
     BOUND_STDS,
@@ -48,7 +48,7 @@ from sma_sim.evidence.estimation.residuals import (
     strain_zero,
 )
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95, Interval, ambient_differences
-from sma_sim.solver.beginning import Beginning
+from sma_sim.solver.beginning import AT_REST, Beginning
 from sma_sim.words.fit_remarks import starts_sentence
 from sma_sim.words.nuisances import nuisance_data, nuisance_sentences, offset_sentences
 
@@ -133,6 +133,18 @@ def test_what_one_run_was_found_to_be_comes_back_as_its_unknowns():
     assert again['still'] == replace(found, delay=0.0, unknown_zero=True)
     known = replace(problem, runs=problem.runs[1:2])
     assert point_with(known, part[:3], (replace(fit, ambient_std=0.0),)) == pytest.approx(part[:7])
+
+
+@pytest.mark.parametrize('kinetics', ['hybrid', 'mas'])
+def test_predictions_begin_as_they_are_told(kinetics):
+    """Without a start, each wire begins with the fraction that the configuration says, or where cooling leads it."""
+    config, run = Config({'initial.x_M_1': 0.8}, kinetics=kinetics), module_run()
+    still, warm = (predict(config, run, Nuisance(beginning=one)) for one in (AT_REST, Beginning((30.0, 0.0))))
+    assert warm['T_1'][0] == pytest.approx(still['T_1'][0] + 30.0) and warm['F_1'][0] > still['F_1'][0]
+    turned = predict(config, run, Nuisance(beginning=Beginning(pose=(0.0, 0.0, 0.02))))
+    assert turned['alpha'][0] == pytest.approx(still['alpha'][0] + 0.02)
+    hardly = predict(config, run, Nuisance(beginning=Beginning((1e-9, 0.0))))
+    assert hardly['F_1'][0] == pytest.approx(still['F_1'][0], rel=1e-6)
 
 
 def test_samples_before_the_input_show_its_beginning():

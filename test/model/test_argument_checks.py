@@ -1,16 +1,19 @@
 """Arguments against annotations: what is taken, what is refused, and in which words."""
 
+import copy
+import pickle
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 import pytest
 
-from sma_sim import Config, Recording, UserError, module_input
+from sma_sim import Config, Dataset, FitOptions, Recording, UserError, module_input, simulate
 from sma_sim.model.argument_checks import as_array, as_folders, as_kelvin, check_fields, checked, expect, is_like
+from sma_sim.model.frozen import own_array
 
 Vector = np.typing.NDArray[np.float64]
 Pair = tuple[float, float]
@@ -161,3 +164,40 @@ DATES = np.array(['2026-01-01', '2026-01-02'], 'datetime64[ns]')
 def test_what_numpy_would_make_other_numbers_of_is_refused(value, words):
     with pytest.raises(UserError, match=f'x: expected numbers, {words}'):
         as_array('x', value)
+
+
+def test_what_was_checked_stays_so():
+    """Callers use their arrays and dicts again: what a record was made of may change."""
+    times, time, alpha, noise = np.array([0.0, 2.0]), np.arange(3.0), np.zeros(3), {'alpha': 1e-3}
+    channels, stds, limits = {'alpha': alpha}, {'alpha': 0.1}, {'beam.E': [1e9, 3e9]}
+    command = module_input(times, [0.0, 0.0])
+    recording = Recording('a', 'module', time, channels, command, zero_std=stds)
+    dataset, options = Dataset(recording, noise), FitOptions(limits=limits)
+    same = copy.deepcopy((command, dataset, options))
+    times[0], time[1], alpha[0], noise['alpha'] = -1.0, 9.0, 9.0, 0.0
+    channels['foo'], stds['alpha'], limits['beam.E'][0] = alpha, -1.0, 5e9
+    assert (command, dataset, options) == same == pickle.loads(pickle.dumps(same))
+    for array in (recording.time, recording.channels['alpha'], command.times, command.values):
+        with pytest.raises(ValueError, match='read-only'):
+            array[0] = 1.0
+    with pytest.raises(TypeError):
+        recording.channels['foo'] = alpha
+    again = replace(recording, name='b')
+    assert again.time is recording.time and again.channels['alpha'] is recording.channels['alpha']  # as fits make them
+
+
+def test_a_view_of_what_may_change_is_copied():
+    whole = np.zeros(4)
+    view = whole[:2]
+    view.flags.writeable = False
+    assert own_array(view) is not view and own_array(own := own_array(whole)) is own and whole.flags.writeable
+    assert own_array(own[1:]).base is own and own_array(np.broadcast_to(whole, (3, 4))).base is None
+
+
+def test_iterators_are_read_once():
+    for free in ((name for name in ['beam.E']), map(str, ['beam.E']), ['beam.E'], ('beam.E',)):
+        assert FitOptions(free=free).names == ('beam.E',)
+    run = simulate(Config(), module_input([0.0, 1.0], [0.0, 0.0]), 2.0, channels=(name for name in ['alpha']))
+    assert list(run.columns) == ['alpha_rad']
+    with pytest.raises(UserError, match="free: expected names .* got {'beam.E': 3000000000.0}"):
+        FitOptions(free={'beam.E': 3e9})

@@ -15,10 +15,11 @@ import numpy as np
 from sma_sim.evidence.data.rounding import Rounding
 from sma_sim.evidence.data.units import array_mismatch, slow_sampling
 from sma_sim.model.archive import Saved
-from sma_sim.model.argument_checks import as_array, check_fields, expect
+from sma_sim.model.argument_checks import as_difference, as_own_array, check_fields, expect
 from sma_sim.model.arrays import Vector
 from sma_sim.model.comparable import Comparable
 from sma_sim.model.errors import PhysicsWarning, UserError
+from sma_sim.model.frozen import frozen
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.renamed import renamed
 from sma_sim.model.shown import Shown, listed
@@ -174,7 +175,7 @@ class Recording(Shown, Saved, Comparable):
             raise UserError(
                 f'recording {self.name}: system {self.system!r}{hint}; expected one of {", ".join(NEEDED_COLUMNS)}'
             )
-        time = as_array(f'recording {self.name}, time', self.time)
+        time = as_own_array(f'recording {self.name}, time', self.time)
         if time.ndim != 1 or not (np.diff(time) > 0.0).all():
             raise UserError(f'recording {self.name}: time (k,) [s] must increase, got an array of shape {time.shape}')
         known = list(self.columns)
@@ -222,11 +223,11 @@ class Recording(Shown, Saved, Comparable):
                 raise UserError(
                     f'recording {self.name}, rounding: no channel {name!r} was measured; expected some of {expected}'
                 )
-        if not 0.0 <= self.ambient_std < inf:
+        if not as_difference(f'recording {self.name}, ambient_std', self.ambient_std) >= 0.0:
             raise UserError(f'recording {self.name}, ambient_std = {self.ambient_std:g}: expected kelvin, 0 or more')
         if self.unpowered_side not in (-1, 0, 1):
             raise UserError(f'recording {self.name}, unpowered_side = {self.unpowered_side}: expected -1, 0 or 1')
-        numbers = {name: as_array(f'recording {self.name}, {name}', values) for name, values in self.channels.items()}
+        numbers = {name: as_own_array(f'recording {self.name}, {name}', values) for name, values in self.channels.items()}
         for name, values in numbers.items():
             if np.isinf(values).any():
                 raise UserError(
@@ -236,7 +237,7 @@ class Recording(Shown, Saved, Comparable):
             if column.endswith('_K') and (words := array_mismatch(column, values)):  # a diagnosis corrects other units
                 raise UserError(f'recording {self.name}, channel {name}: {words}')
         object.__setattr__(self, 'time', time)
-        object.__setattr__(self, 'channels', {name: numbers[name] for name in known if name in numbers})
+        object.__setattr__(self, 'channels', frozen({name: numbers[name] for name in known if name in numbers}))
         doubts, structure = [words] if (words := self.unit_mismatch()) else [], self.structure
         if structure.coordinates and structure.imposed_temperature < 0 and len(time) > 1:
             doubts += [f'recording {self.name}: {note}' for note in slow_sampling(time) if note not in self.notes]

@@ -98,7 +98,7 @@ class FitOptions:
     Attributes
     ----------
     free : str, sequence of str, or None
-        Full names of the parameters to fit; None: those that such data determine.
+        Full names of the parameters to fit; None: those that such data determine; none, ``()``: the model as it is.
     kinetics : str or None
         ``'hybrid'``, ``'mas'``, or ``'auto'`` for the more probable of both; None: as the configuration says
         (`Config.kinetics`).

@@ -15,11 +15,12 @@ from sma_sim.evidence.data.noise_process import NoiseProcess
 from sma_sim.evidence.data.recording import GAIN, Dataset, Recording, columns_of_family, is_resistance
 from sma_sim.evidence.data.rounding import Rounding
 from sma_sim.evidence.estimation.prepared_fit import check_data
-from sma_sim.model.argument_checks import check_fields, checked
+from sma_sim.model.argument_checks import as_array, as_difference, check_fields, checked
 from sma_sim.model.arrays import Mask, Vector
 from sma_sim.model.config import Config
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.errors import UserError
+from sma_sim.model.nearest import suggestion
 from sma_sim.model.structures.discovery import known_structures
 from sma_sim.model.structures.structure import Structure
 from sma_sim.model.unit_mismatch import SLOW_STEP
@@ -476,18 +477,50 @@ def predict(config: Config, recording: Recording | FitData, nuisance: Nuisance |
         check_data(Dataset((recording,)), config)
     run = prepared(recording)
     if nuisance is not None:
-        check_fields(nuisance)
-        check_delay(nuisance.delay, run.time, run.name)
-        if len(nuisance.switches) not in (0, run.groups):
-            raise UserError(
-                f'nuisance, switches = {nuisance.switches}: expected {run.groups} part(s) of a sampling interval'
-            )
-        if nuisance.start and not (len(nuisance.start) == run.starts and all(0.0 <= part <= 1.0 for part in nuisance.start)):
-            raise UserError(f'nuisance, start = {nuisance.start}: expected {run.starts} number(s) from 0 to 1, one by wire')
+        check_nuisance(nuisance, run, run.on_bench(config))
     structure = run.on_bench(config).structure
     _, trajectory, index = simulated(config, run, nuisance, structure.channels)
     columns = zip(structure.channels, structure.channel_columns, strict=True)
     return {name: trajectory[column][index] for name, column in columns}
+
+
+def check_nuisance(nuisance: Nuisance, run: FitData, config: Config) -> None:
+    """Raise UserError for what is not known so of a recording, with a model on its bench."""
+    check_fields(nuisance)
+    check_fields(nuisance.beginning)
+    check_delay(nuisance.delay, run.time, run.name)
+    check_numbers('switches', nuisance.switches, run.groups, 'part(s) of a sampling interval')
+    check_numbers('start', nuisance.start, run.starts, 'number(s) from 0 to 1, one by wire', 0.0, 1.0)
+    as_difference('nuisance, ambient', nuisance.ambient)
+    command = np.asarray(run.source.values, float)[:, command_column(run.source)]
+    powered = int(np.count_nonzero(powered_rows(command)))
+    check_numbers('powers', nuisance.powers, powered, 'difference(s) [W], one by power that was commanded')
+    for name, factor in nuisance.factors:
+        known = (GAIN, *config.parameters)
+        if name not in known:
+            raise UserError(f'nuisance, factors: no parameter {name!r}{suggestion(name, known)}')
+        if not 0.0 < factor < inf:
+            raise UserError(f'nuisance, factors: {factor!r} for {name}; expected a number above 0')
+    beginning, structure = nuisance.beginning, config.structure
+    wires, coordinates = run.starts if structure.imposed_temperature < 0 else 0, len(structure.coordinates)
+    check_numbers('warmth', beginning.warmth, wires, 'difference(s) from the ambient [K], one by wire')
+    check_numbers('pose', beginning.pose, coordinates, 'difference(s) (SI), one by coordinate')
+    check_numbers('rates', beginning.rates, coordinates, 'rate(s) (SI), one by coordinate')
+    sizes = sizes_of_states(config.effects, structure)
+    for name, values in beginning.states:
+        if name not in sizes:
+            raise UserError(f'nuisance, states: no active effect {name!r} that has any{suggestion(name, sizes)}')
+        every = len(sizes[name])
+        is_single = len(values) and every % len(values) == 0  # a copy of what wires share
+        check_numbers(f'states of {name}', values, len(values) if is_single else every, 'difference(s) from first values')
+
+
+def check_numbers(name: str, given: Sequence[float], count: int, words: str, low: float = -inf, high: float = inf) -> None:
+    """Raise UserError for numbers of a nuisance, if there are any, that are not `count`, or not from `low` to `high`."""
+    values = as_array(f'nuisance, {name}', given)
+    is_known = values.shape == (count,) and np.isfinite(values).all()
+    if len(values) and not (is_known and ((low <= values) & (values <= high)).all()):
+        raise UserError(f'nuisance, {name} = {given}: expected {count} {words}')
 
 
 def check_delay(delay: float, time: Vector, name: str) -> None:
@@ -756,11 +789,11 @@ def with_start(config: Config, source: Input, start: Sequence[float]) -> Config:
 
 
 def start_of(model: Model, source: Input, nuisance: Nuisance, work: Work | None = None) -> Run | None:
-    """Where a run with a start given as parts of the hysteresis begins; None as the configuration says.
+    """Where a run begins that has a start as parts of the hysteresis, or a motion before it; None as the configuration says.
 
     `work`: scratch memory of a model with the same states.
     """
-    if not len(nuisance.start):
+    if not len(nuisance.start) and nuisance.beginning.is_at_rest:
         return None
     first = np.asarray(source.values[0], float)
     return new_run(model, first, work or new_work(model), nuisance.start, nuisance.beginning)
