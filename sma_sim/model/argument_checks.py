@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
 from concurrent.futures import Executor
 from dataclasses import fields
 from functools import lru_cache, wraps
 from inspect import signature
 from numbers import Integral
 from pathlib import Path
-from types import NoneType, UnionType
+from types import FunctionType, NoneType, UnionType
 from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -68,15 +69,20 @@ def checked(function: Function) -> Function:
     return cast(Function, with_checks)
 
 
-def check_fields(record: Any) -> None:
-    """Raise UserError for a field of a dataclass that is not as annotated, and keep each as it is now (`frozen`)."""
+def check_fields(record: Any, of: str = '') -> None:
+    """Raise UserError for a field of a dataclass that is not as annotated, and keep each as it is now (`frozen`).
+
+    `of`: what messages begin with, before the name of the field.
+    """
     kind: Any = type(record)
     hints = hints_of(kind)
     for field in fields(record):
         given = getattr(record, field.name)
         value = frozen(given)
-        expect(field.name, value if isinstance(given, Iterator) else given, hints[field.name])
+        expect(f'{of}{field.name}', value if isinstance(given, Iterator) else given, hints[field.name])
         object.__setattr__(record, field.name, value)
+        if isinstance(value, FunctionType) and value.__module__ is None:  # made by exec: what compiles it asks for a name
+            value.__module__ = '__main__'
 
 
 @lru_cache
@@ -91,7 +97,15 @@ def expect(name: str, value: object, hint: Any) -> None:
         classes = [one for one in alternatives(hint) if one is not NoneType]
         maker = MAKERS.get(getattr(classes[0], '__name__', ''), '')
         words = ' or '.join(dict.fromkeys(map(words_of, classes)))
-        raise UserError(f'{name}: expected {words}{maker and f", from {maker}"}; got {shown(value)}')
+        raise UserError(f'{name}: expected {words}{maker and f", from {maker}"}; got {shown_misfit(value, classes)}')
+
+
+def shown_misfit(value: object, classes: Sequence[Any]) -> str:
+    """A value in a message; of several too long to be shown, the first that is not of what some of `classes` hold."""
+    inner = [one for kind in classes if get_origin(kind) is not None for one in get_args(kind)[:1]]
+    if isinstance(value, tuple | list) and len(repr(value)) > MAX_SHOWN and inner:
+        return next((f'{shown(one)} among them' for one in value if not any(is_like(one, kind) for kind in inner)), 'others')
+    return shown(value)
 
 
 def shown(value: object) -> str:
@@ -179,6 +193,14 @@ def as_array(name: str, value: Any, like: str = '') -> NDArray[np.float64]:
 def as_own_array(name: str, value: Any, like: str = '') -> NDArray[np.float64]:
     """The same, read-only: what was given may change afterwards (`own_array`)."""
     return own_array(as_array(name, value, like))
+
+
+def as_finite(name: str, value: float) -> float:
+    """A finite number. Raises UserError."""
+    expect(name, value, float)
+    if not math.isfinite(value):
+        raise UserError(f'{name} = {value}: expected a finite number')
+    return value
 
 
 def as_kelvin(name: str, value: float) -> float:

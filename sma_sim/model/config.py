@@ -389,6 +389,7 @@ def split_parameters(given: Mapping[str, Any]) -> tuple[dict[str, RawValue], dic
 
 def structure_named(system: str | Structure, own: Structure | None = None) -> Structure:
     """The structure of this name, or the structure itself. Raises UserError for none, or for two that differ."""
+    expect('own_structure', own, Structure | None)
     if own is not None:
         if system not in (DEFAULT_SYSTEM, own.name, own.family):
             raise ConfigError(f'system = {system!r} ({in_config("system")}): own_structure is {own.name!r}')

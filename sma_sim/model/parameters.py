@@ -13,6 +13,7 @@ from numbers import Real
 from typing import NamedTuple
 
 from sma_sim.model.materials import SPECIFIC_HEAT, usual_cooling, usual_range
+from sma_sim.model.other_units import si_unit
 
 PAPER = 'Mandolino, Ferrante and Rizzello, RA-L 2021, section IV'
 RESISTIVITY = 'usual NiTi actuator wires; law: Furst and Seelecke, J. Intell. Mater. Syst. Struct. 23 (2012) 1233'
@@ -22,6 +23,7 @@ DENSITIES = (5e3, 1.1e4)  # [kg/m^3] of shape-memory alloys, from those of titan
 COOLING = usual_cooling(1e-3)[0], usual_cooling(25e-6)[1]  # [W/(m^2 K)] of the thickest and the thinnest wires
 LOADS = (1e6, 1e9)  # [Pa] at which wires transform: less moves nothing, more breaks them
 SIZES, MASSES = (1e-3, 0.1), (1e-3, 0.1)  # [m], [kg] of parts and loads that bundles of thin wires move
+QUANTITIES = ('', 'force', 'rate', 'change', '1/change^2', 'instant')  # of effects, as `Parameter.quantity`
 K_B = 1.380649e-23  # Boltzmann constant [J/K], exact by definition of the SI
 
 
@@ -80,6 +82,10 @@ def fault_of(parameter: Parameter) -> str:
         return f'parameter {name}: expected a number, got neutral {parameter.neutral!r}'
     if not (unit and isinstance(unit, str)):
         return f"parameter {name}: expected a unit, such as 'N/m' ('-' for none), got {unit!r}"
+    if si_unit(unit) != unit:
+        return f'parameter {name}: unit {unit!r}; expected an SI unit: {si_unit(unit)}'
+    if parameter.quantity not in QUANTITIES:
+        return f'parameter {name}: quantity {parameter.quantity!r}; expected one of {", ".join(filter(None, QUANTITIES))}'
     low, high = bounds
     ranges = {'bounds': bounds, 'realistic': parameter.realistic or bounds, 'usual': parameter.usual or bounds}
     for kind, ends in ranges.items():

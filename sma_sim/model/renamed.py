@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from dataclasses import fields
 from functools import wraps
 from typing import Any, TypeVar
+
+from sma_sim.model.errors import UserError
 
 Class = TypeVar('Class', bound=type)
 
@@ -13,7 +16,7 @@ Class = TypeVar('Class', bound=type)
 def renamed(**names: str) -> Callable[[Class], Class]:
     """A decorator of a class whose arguments and attributes `old=new` have other names now.
 
-    The old argument overrides the new one, as in ``dataclasses.replace(options, model='mas')``.
+    In ``dataclasses.replace(options, model='mas')`` the old argument overrides the new one, which is among all others there.
     """
 
     def decorated(kind: Class) -> Class:
@@ -23,7 +26,11 @@ def renamed(**names: str) -> Callable[[Class], Class]:
         def with_old_names(self: Any, *given: Any, **named: Any) -> None:
             for old in names.keys() & named.keys():
                 warn_of(kind, old, names[old])
-                named[names[old]] = named.pop(old)
+                value, new = named.pop(old), names[old]
+                is_replaced = all(field.name in named for field in fields(kind) if field.init)
+                if new in named and named[new] != value and not is_replaced:
+                    raise UserError(f'{kind.__name__}: {old} = {value!r}, but {new} = {named[new]!r}: leave {old} out')
+                named[new] = value
             init(self, *given, **named)
 
         setattr(kind, '__init__', with_old_names)  # noqa: B010

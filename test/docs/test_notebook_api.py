@@ -137,6 +137,8 @@ def test_configurations_go_to_other_processes(method, fitted):
         assert pool.submit(copy.copy, fitted.config).result() == fitted.config
         assert pool.submit(getattr, Model(config), 'config').result() == config
     assert copy.deepcopy([config, Model(config)])[0] is config
+    copied = sma_sim.effects.gravity, sma_sim.effects.gravity(g_y=-3.0), sma_sim.structures.slider
+    assert copy.deepcopy(copied) == copied
     with pytest.raises(UserError, match='effect fin is your own.*make the configuration in the other process'):
         pickle.dumps(Config(effects=[own_effect('fin')]))
     with pytest.raises(UserError, match='structure pusher is your own'):
@@ -277,13 +279,14 @@ def test_progress_is_shown_where_it_is_seen(capsys, monkeypatch):
     assert capsys.readouterr().err == ''
 
 
-def own_effect(name, bounds=(0.0, 1.0)):
+def own_effect(name, bounds=(0.0, 1.0), **other):
+    k = sma_sim.Parameter('k', 1e-3, 'W/K', bounds, 'conductance', neutral=0.0, realistic=(1e-4, 1e-2))
     return sma_sim.Effect(
         name=name,
         port='wire_heat',
         equation='J = -k (T - T_E)',
         source='a fin that conducts',
-        parameters=(sma_sim.Parameter('k', 1e-3, 'W/K', bounds, 'conductance', neutral=0.0, realistic=(1e-4, 1e-2)),),
+        parameters=(replace(k, **other),),
         kernel=lambda s, w, p: -p.k * (s.T - s.T_E),
     )
 
@@ -562,12 +565,52 @@ SHAPES = {
     'ambient of a room': (lambda: told(ambient=298.0), 'nuisance, ambient = 298: expected a difference of temperatures'),
     'powers of more commands': (lambda: told(powers=(0.1,) * 6), 'expected 2 difference(s) [W], one by power'),
     'ambient std of a room': (lambda: recorded(ambient_std=298.0), 'ambient_std = 298: expected a difference of'),
+    'inertia of no parameter': (lambda: pushed(inertia=lambda p: p.mass), 'its inertia fails: AttributeError'),
+    'no inertia': (lambda: pushed(inertia=lambda p: None), 'its inertia gives (None,); expected a number for each of x'),
+    'scale of no parameter': (
+        lambda: pushed(coordinates=(sma_sim.Coordinate('x', 'm', lambda p: p.foo),)),
+        'coordinate x: its scale fails: AttributeError',
+    ),
+    'gravity of two arguments': (lambda: pushed(gravity=lambda q, p: 0.0), 'its gravity fails: TypeError'),
+    'law of no coordinate': (
+        lambda: pushed(coordinates=(sma_sim.Coordinate('x', 'm', 1e-3, law='zz'),)),
+        "coordinate x: law 'zz'; expected one of x",
+    ),
+    'negative limit': (lambda: sma_sim.Coordinate('x', 'm', 1e-3, limit=-1.0), 'limit = -1 m; expected more than 0'),
+    'structure parameter twice': (
+        lambda: pushed(parameters=pusher().parameters * 2),
+        'parameter pusher.L is there twice',
+    ),
+    'energy of a number': (lambda: pushed(energy=3), "structure 'pusher', energy: expected a function; got 3"),
+    'no title': (lambda: pushed(title=None), 'title: expected a text; got None'),
+    'one name for several': (lambda: pushed(fitted='pusher.k'), 'fitted: expected a list of text'),
+    'stage of no chain': (lambda: replace(own_effect('fin'), stage='foo'), "stage 'foo' on wire_heat; expected none"),
+    'no wires': (lambda: replace(own_effect('fin'), wires=0), 'wires = 0; expected how many it needs, 1 or more'),
+    'one system': (lambda: replace(own_effect('fin'), systems='module'), "systems: expected a list of text; got 'module'"),
+    'milliwatt': (lambda: own_effect('fin', unit='mW/K'), "parameter k: unit 'mW/K'; expected an SI unit: W/K"),
+    'quantity of nothing': (lambda: own_effect('fin', quantity='foo'), "quantity 'foo'; expected one of force, rate"),
+    'old and new name': (lambda: old_and_new(Config), "Config: model = 'mas', but kinetics = 'hybrid': leave model out"),
+    'old and new name of a fit': (lambda: old_and_new(FitOptions), "FitOptions: model = 'mas', but kinetics = 'hybrid'"),
+    'structure in words': (lambda: Config(own_structure='module'), "own_structure: expected Structure; got 'module'"),
+    'held out of nothing': (
+        lambda: sma_sim.diagnose(one(), Config(), Dataset(())),
+        'held_out: there is no recording; leave it out',
+    ),
 }
 MM = sma_sim.Coordinate('x', 'mm', 1.0)
 
 
 def recorded(time=TIME, source=COMMAND, channels=None, **more):
     return Recording('r', 'module', time, channels or {'alpha': ALPHA}, source, **more)
+
+
+def pushed(**changes):
+    return Config(system=replace(pusher(), **changes))
+
+
+def old_and_new(kind):
+    with pytest.warns(DeprecationWarning, match='model is called kinetics now'):
+        kind(model='mas', kinetics='hybrid')
 
 
 def told(**nuisance):

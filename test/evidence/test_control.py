@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from sma_sim import Config, Model, UserError, effects
+from sma_sim import Config, Model, PhysicsWarning, UserError, effects
 from sma_sim.control import PI, Feedforward, FeedforwardPI, PredictiveController
 from sma_sim.evidence.control.plan import constrained_least_squares
 from sma_sim.evidence.state_estimation.uncertain import least_cooling
@@ -38,6 +38,34 @@ def test_what_no_controller_can_follow_is_said():
         law.step(0.0, {'alpha': 0.0}, lambda times: 5.0 + 0.0 * times)
     with pytest.raises(UserError, match='T_E = 25: expected kelvin'):
         law.observe(0.0, None, None, 25.0)
+
+
+@pytest.mark.parametrize('time', [np.inf, np.nan, 1.7e9, -1.0])
+def test_a_jump_of_the_clock_is_said(time):
+    """The model went on period by period up to it: for decades, or for ever."""
+    law = FeedforwardPI(Config())
+    law.step(0.0, {'alpha': 0.0}, lambda times: 0.0 * times)
+    with pytest.raises(UserError, match='expected seconds that go on by 60 at most'):
+        law.step(time, {'alpha': 0.0}, lambda times: 0.0 * times)
+
+
+@pytest.mark.parametrize(
+    ('given', 'words'),
+    [((np.nan, 0.1), 'error = nan: expected a finite'), (('a', 0.1), 'error: expected a num'), ((0.1, -0.1), 'dt = -0.1')],
+)
+def test_what_is_no_error_for_a_time_is_said(given, words):
+    with pytest.raises(UserError, match=words):
+        PI(1.0, 1.0, 1.0)(*given)
+
+
+def test_a_measurement_in_degrees_is_said_at_the_first_step():
+    with pytest.warns(PhysicsWarning, match='measurements, alpha: expected radians up to pi, got 4'):
+        FeedforwardPI(Config()).step(0.0, {'alpha': 4.0}, lambda times: 0.0 * times)
+
+
+def test_a_target_is_a_function():
+    with pytest.raises(UserError, match='target: expected a function; got 0.02'):
+        Feedforward(Config()).step(0.02)
 
 
 @settings(max_examples=50, deadline=None)
@@ -239,5 +267,5 @@ def test_unknown_coordinate_is_refused():
 
 @pytest.mark.parametrize('measurements', [{}, {'U_y': 0.0}, {'alpha': np.nan}, {'alpha': np.inf}])
 def test_feedback_without_a_finite_coordinate_is_refused(measurements):
-    with pytest.raises(UserError, match='alpha = (nan|inf); expected a finite number'):
+    with pytest.raises(UserError, match='measurements: alpha (= (nan|inf): |is missing; )expected a finite number'):
         FeedforwardPI(Config()).step(0.0, measurements, lambda times: 0.0 * times)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 
 import numpy as np
@@ -10,16 +11,18 @@ import numpy as np
 from sma_sim.evidence.control.pi import PI
 from sma_sim.evidence.control.plan import Planner, Target
 from sma_sim.evidence.state_estimation.estimate import RobotState
-from sma_sim.model.argument_checks import as_kelvin, expect
+from sma_sim.model.argument_checks import as_finite, as_kelvin, expect
 from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
-from sma_sim.model.errors import UserError
+from sma_sim.model.errors import PhysicsWarning, UserError
+from sma_sim.model.unit_mismatch import mismatch_of
 from sma_sim.solver.columns import sample_columns
 from sma_sim.solver.fixed_rate import FixedRateRun
 from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS
 from sma_sim.solver.model import Model
 
 ITERATIONS = 3  # of a plan: its run begins where the one before went, so that few are needed
+MAX_PAUSE = 60.0  # [s] between steps: wires are at rest long before, and the model would take minutes to make up for more
 EARLY = 1e-6  # [s] by which a period may begin early
 
 
@@ -95,6 +98,7 @@ class Feedforward:
 
     def step(self, target: Target) -> float:
         """The command [W] for the period from `time` on, over which the model goes on. Raises SimulationError."""
+        expect('target', target, Target)
         none = self._nothing
         start = RobotState(
             self.time, self.model, self._run.run, none + 1.0, self.T_E, np.zeros(len(self.model.structure.channels)),
@@ -154,16 +158,27 @@ class FeedforwardPI:
         Raises
         ------
         UserError
-            Where the measured coordinate is missing or not finite.
+            Where the measured coordinate is missing or not finite, and for times that go back or on by more than MAX_PAUSE.
         SimulationError
             Where the model cannot follow under any command.
         """
         expect('target', target, Target)
-        measured = measurements.get(self.coordinate, math.nan)
-        if not math.isfinite(measured):
-            raise UserError(f'measurements: {self.coordinate} = {measured}; expected a finite number')
+        expect('measurements', measurements, Mapping[str, float])
+        if self.coordinate not in measurements:
+            given = ', '.join(measurements) or 'nothing'
+            raise UserError(f'measurements: {self.coordinate} is missing; expected a finite number, got {given}')
+        measured = as_finite(f'measurements: {self.coordinate}', measurements[self.coordinate])
         if math.isnan(self._begin):
-            self._begin = self._before = time
+            coordinates = self.feedforward.model.structure.coordinates
+            column = next(one.column for one in coordinates if one.name == self.coordinate)
+            if mismatch := mismatch_of(column, np.array([measured])):
+                warnings.warn(f'measurements, {self.coordinate}: {mismatch.words}', PhysicsWarning, stacklevel=2)
+            self._begin = self._before = as_finite('time', time)
+        if not 0.0 <= time - self._before <= MAX_PAUSE:
+            raise UserError(
+                f'time = {time:g} s after {self._before:g} s: expected seconds that go on by {MAX_PAUSE:g} at most; make '
+                'another controller after a pause or a jump of the clock'
+            )
         begin, model = self._begin, self.feedforward
         while begin + model.time <= time + EARLY:
             self._shown = model.value

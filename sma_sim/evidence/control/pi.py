@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from sma_sim.model.argument_checks import expect
+from sma_sim.model.argument_checks import as_finite
 from sma_sim.model.errors import UserError
 
 
@@ -26,9 +26,7 @@ class PI:
 
     def __init__(self, kp: float, ki: float, limit: float) -> None:
         for name, value in {'kp': kp, 'ki': ki, 'limit': limit}.items():
-            expect(name, value, float)
-            if not math.isfinite(value):
-                raise UserError(f'{name} = {value}: expected a finite number')
+            as_finite(name, value)
         if limit < 0.0:
             raise UserError(f'limit = {limit:g}: expected the largest output, 0 or more')
         self.kp, self.ki, self.limit = kp, ki, limit
@@ -37,7 +35,14 @@ class PI:
     def __call__(
         self, error: float, dt: float, feedforward: float = 0.0, low: float = -math.inf, high: float = math.inf
     ) -> float:
-        """The output for an error that has lasted dt [s], beside what a feedforward asks for, between `low` and `high`."""
+        """The output for an error that has lasted dt [s], beside what a feedforward asks for, between `low` and `high`.
+
+        Raises UserError for numbers that are not finite, and a negative time.
+        """
+        for name, value in {'error': error, 'dt': dt, 'feedforward': feedforward}.items():
+            as_finite(name, value)
+        if dt < 0.0:
+            raise UserError(f'dt = {dt:g}: expected how long the error has lasted [s], 0 or more')
         more = self.ki * error * dt
         wanted = feedforward + self.kp * error + self.integral + more
         output = min(max(wanted, -self.limit, low), self.limit, high)

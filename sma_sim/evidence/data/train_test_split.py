@@ -75,6 +75,8 @@ def hold_out_last(dataset: Dataset, held_out: Dataset | None) -> tuple[Dataset, 
     """
     training = sorted_by_name(dataset)
     if held_out is not None:
+        if not held_out.recordings:
+            raise UserError('held_out: there is no recording; leave it out, or give some')
         names = {recording.name for recording in training.recordings}
         if both := [recording.name for recording in held_out.recordings if recording.name in names]:
             raise UserError(f'held_out: {", ".join(both)} is among the recordings to fit too; leave it in one of both')

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
+from math import inf
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sma_sim.model.argument_checks import expect
+from sma_sim.model.argument_checks import check_fields, expect
 from sma_sim.model.effects.ports import CHANNELS, PORT_NAMES
 from sma_sim.model.effects.scope import (
     EVERYWHERE,
@@ -212,10 +213,7 @@ class Effect:
 
     def __post_init__(self) -> None:
         expect('name', self.name, str)
-        expect(f'effect {self.name!r}, parameters', self.parameters, tuple[Parameter, ...])
-        expect(f'effect {self.name!r}, kernel', self.kernel, Callable)
-        for role in ('rate', 'start', 'clock'):
-            expect(f'effect {self.name!r}, {role}', getattr(self, role), Callable | None)
+        check_fields(self, f'effect {self.name!r}, ')
         if fault := self._fault():
             raise UserError(f'effect {self.name!r}: {fault}')
 
@@ -237,9 +235,14 @@ class Effect:
         for need in self.needs:
             if need not in NEEDS or self.port != 'structure_force':
                 return f'needs {need!r} on {self.port}; expected some of {", ".join(NEEDS)}, on structure_force only'
-        stages = CHAIN.get(self.port)
-        if stages and self.stage not in stages:
-            return f'stage {self.stage!r}; expected one of {", ".join(stages)}'
+        stages = CHAIN.get(self.port, ('',))
+        if self.stage not in stages:
+            known = f'one of {", ".join(one or "none" for one in stages)}' if len(stages) > 1 else 'none'
+            return f'stage {self.stage!r} on {self.port}; expected {known}'
+        if self.wires < 1:
+            return f'wires = {self.wires}; expected how many it needs, 1 or more'
+        if not all(0.0 < scale < inf for scale in self.scale):
+            return f'scale {self.scale}; expected usual changes of the states, more than 0'
         return next(filter(None, map(fault_of, self.parameters)), '')
 
     def __call__(self, *unnamed: object, scope: str = '', **values: float) -> EffectChoice:
@@ -268,6 +271,9 @@ class Effect:
     def is_own(self) -> bool:
         """Whether its kernel is not of this package."""
         return not str(self.kernel.__module__).startswith('sma_sim.')
+
+    def __deepcopy__(self, memo: Any) -> Effect:
+        return self  # nothing of it changes
 
     def derived(self, **changes: Any) -> Effect:
         """The effect in other words, on another structure or in a scope: it shares the kernels of the declared one."""

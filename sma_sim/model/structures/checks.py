@@ -16,7 +16,7 @@ from sma_sim.model.structures.structure import Coordinate, Structure, numbers, r
 
 def fault_of(structure: Structure) -> str:
     """What is wrong with a declaration, '' if nothing is found."""
-    for faults in (coordinate_faults, parameter_faults, reference_faults, function_faults):  # each needs those before it
+    for faults in (coordinate_faults, parameter_faults, scale_faults, reference_faults, function_faults):  # as they need
         for fault in faults(structure):
             return f'structure {structure.name!r}: {fault}'
     return ''
@@ -38,11 +38,40 @@ def coordinate_faults(structure: Structure) -> Iterator[str]:
             yield f"coordinate {coordinate.name}: expected a unit, such as 'm' or 'rad' ('-' for none), got ''"
         elif not callable(coordinate.scale) and not 0.0 < coordinate.scale < math.inf:
             yield f'coordinate {coordinate.name}: scale = {coordinate.scale:g} {coordinate.unit}; expected more than 0'
+        elif coordinate.law and coordinate.law not in names:
+            yield f'coordinate {coordinate.name}: law {coordinate.law!r}; expected one of {", ".join(names)}'
 
 
 def parameter_faults(structure: Structure) -> Iterator[str]:
     """Of its parameters."""
     yield from filter(None, map(fault_of_parameter, structure.parameters))
+    names = [one.name if '.' in one.name else f'{structure.original}.{one.name}' for one in structure.parameters]
+    yield from (f'parameter {name} is there twice; give each a name of its own' for name in names if names.count(name) > 1)
+
+
+def scale_faults(structure: Structure) -> Iterator[str]:
+    """Of the functions that say usual sizes, on which the noise of channels depends."""
+    try:
+        of, constants = 'its constants', structure.constants_before_noise
+        for coordinate in structure.coordinates:
+            of = f'coordinate {coordinate.name}: its scale'
+            yield from size_faults(of, coordinate.scale(constants) if callable(coordinate.scale) else coordinate.scale)
+            if coordinate.rate_scale is not None:
+                of = f'coordinate {coordinate.name}: its rate_scale'
+                yield from size_faults(of, coordinate.rate_scale(constants))
+    except Exception as error:
+        yield failure(of, error)
+
+
+def size_faults(of: str, value: object) -> Iterator[str]:
+    """Of what is to be a number above 0."""
+    if not (is_number(value) and 0.0 < value < math.inf):  # type: ignore[operator]
+        yield f'{of} is {value!r}; expected a number above 0'
+
+
+def failure(of: str, error: Exception) -> str:
+    """What a function raised."""
+    return f'{of} fails: {type(error).__name__}: {error}'
 
 
 def reference_faults(structure: Structure) -> Iterator[str]:
@@ -69,11 +98,18 @@ def function_faults(structure: Structure) -> Iterator[str]:
         role = 'stiffness'
         if structure.stiffness is not None:
             structure.stiffness(rest, constants, 1.0)
+        role = 'inertia'
+        inertia = () if structure.inertia is None else numbers(structure.inertia(constants))
+        role = 'gravity'
+        weight = structure.weight(0.0, 0.0, 0.0)
         role = 'lengths'
         lengths = () if structure.lengths is None else numbers(structure.lengths(rest, constants))
     except Exception as error:
-        yield f'its {role} fails: {type(error).__name__}: {error}'
+        yield failure(f'its {role}', error)
         return
+    for words, found in (('inertia', inertia), ('gravity', weight)):
+        if not all(map(is_number, found)):
+            yield f'its {words} gives {found!r}; expected a number for each of {", ".join(structure.coordinate_names)}'
     for i, length in enumerate(lengths, start=1):
         if not is_number(length):
             yield f'its lengths give {length!r} for wire {i}; expected a number for one wire, a tuple of numbers for several'

@@ -10,12 +10,12 @@ from pathlib import Path
 import sma_sim.model.structures as package
 from sma_sim.model.argument_checks import as_folders, checked
 from sma_sim.model.errors import UserError
+from sma_sim.model.other_units import si_unit
 from sma_sim.model.plugins import package_plugins, user_plugins
 from sma_sim.model.structures.checks import fault_of
 from sma_sim.model.structures.structure import Structure
 
 ENTRY_POINTS = 'sma_sim.structures'
-NOT_SI = ('mm', 'cm', 'um', 'deg', 'mrad')  # of coordinates: times a generalised force they give no energy [J]
 KNOWN: dict[str, Structure] = {}  # of the user's folders, and of other sizes, that were named in this process
 
 
@@ -114,16 +114,17 @@ def check_channels(structure: Structure, others: Iterable[Structure], file: Path
 
     Nor may a coordinate be in a unit that is not SI.
     """
+    where = f'structure {structure.name!r}' if file is None else file
     for other in others:
         columns = dict(zip(other.channels, other.channel_columns, strict=True))
         for channel, column in zip(structure.channels, structure.channel_columns, strict=True):
             if columns.get(channel, column) != column:
                 raise StructureError(
-                    f'{file}: the coordinate {channel} would be the column {column}, which is {columns[channel]} of the '
+                    f'{where}: the coordinate {channel} would be the column {column}, which is {columns[channel]} of the '
                     f'structure {other.name}; choose another name'
                 )
     for coordinate in structure.coordinates:
-        if coordinate.unit in NOT_SI:
+        if si_unit(coordinate.unit) != coordinate.unit:  # times a generalised force it gives no energy [J]
             raise StructureError(
                 f'structure {structure.name!r}: coordinate {coordinate.name}: unit {coordinate.unit!r}; '
                 'expected an SI unit, such as m or rad'

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sma_sim.model.argument_checks import expect
+from sma_sim.model.argument_checks import check_fields, expect
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import INITIAL_PARAMETERS, KELVIN, Parameter, initial_fraction
 from sma_sim.model.program_parameters import DEFAULTS
@@ -106,9 +106,11 @@ class Coordinate:
 
     def __post_init__(self) -> None:
         expect('coordinate, name', self.name, str)
-        expect(f'coordinate {self.name!r}, scale', self.scale, float | Callable)
+        check_fields(self, f'coordinate {self.name!r}, ')
         if self.axis and self.axis not in AXES:
             raise UserError(f'coordinate {self.name!r}: expected an axis x, y or z, got {self.axis!r}')
+        if not self.limit > 0.0:
+            raise UserError(f'coordinate {self.name!r}: limit = {self.limit:g} {self.unit}; expected more than 0')
 
     @property
     def column(self) -> str:
@@ -242,7 +244,7 @@ class Structure:
     drives: tuple[Drive, ...] = ()
     size_parameter: str = ''
     fitted: tuple[str, ...] = ()
-    defaults: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    defaults: Mapping[str, float] = field(default_factory=dict)
     links: Callable[[Mapping[str, float]], LinkTree] | None = None
     drawing: Drawing | None = None
     energy: Callable[..., Any] | None = None
@@ -250,7 +252,7 @@ class Structure:
     system: str = ''
     size_name: str = ''
     of_size: Callable[[int], Structure] | None = None
-    named_effects: Mapping[str, NamedEffect] = field(default_factory=lambda: MappingProxyType({}))
+    named_effects: Mapping[str, NamedEffect] = field(default_factory=dict)
     options: Mapping[str, str] = field(default_factory=lambda: BALANCE)
     variants: tuple[Structure, ...] = ()
     variant_of: str = ''
@@ -261,13 +263,7 @@ class Structure:
 
     def __post_init__(self) -> None:
         expect('name', self.name, str)
-        of = f'structure {self.name!r},'
-        expect(f'{of} coordinates', self.coordinates, tuple[Coordinate, ...])
-        expect(f'{of} parameters', self.parameters, Collection)
-        expect(f'{of} wires', self.wires, int)
-        expect(f'{of} defaults', self.defaults, Mapping[str, float])
-        for role in ('lengths', 'forces', 'inertia', 'gradients', 'stiffness', 'gravity', 'accelerations'):
-            expect(f'{of} {role}', getattr(self, role), Callable | None)
+        check_fields(self, f'structure {self.name!r}, ')
         if self.coordinates and not (self.lengths and self.forces and (self.inertia or self.accelerations)):
             raise UserError(f'structure {self.name!r}: coordinates need lengths, forces and inertia')
         if self.antagonistic and self.wires != 2 * self.segments:
@@ -276,6 +272,9 @@ class Structure:
             raise UserError(f'structure {self.name!r}: segments in series need accelerations; only temperatures are imposed')
         if not 1 <= self.wires <= MAX_WIRES:
             raise UserError(f'structure {self.name!r}: expected 1 to {MAX_WIRES} wires, got {self.wires}')
+
+    def __deepcopy__(self, memo: Any) -> Structure:
+        return self  # nothing of it changes
 
     def __repr__(self) -> str:
         return f'Structure({self.name}: {", ".join(self.channel_columns)})'
@@ -322,10 +321,15 @@ class Structure:
         return in_group('initial', (initial_fraction(i) for i in range(len(INITIAL_PARAMETERS) + 1, self.wires + 1)))
 
     @cached_property
+    def constants_before_noise(self) -> Constants:
+        """The constants at the default values, of which the noise of channels follows."""
+        values = {name: parameter.default for name, parameter in (dict(DEFAULTS) | self.declared).items()}
+        return self.constants_of(values | dict(self.defaults))
+
+    @cached_property
     def noise(self) -> dict[str, Parameter]:
         """The noise of channels for the live check, by full name, beside that of channels that the module has too."""
-        values = {name: parameter.default for name, parameter in (dict(DEFAULTS) | self.declared).items()}
-        constants, found = self.constants_of(values | dict(self.defaults)), dict(CHANNEL_NOISE)
+        constants, found = self.constants_before_noise, dict(CHANNEL_NOISE)
         for coordinate in self.coordinates:
             usual = coordinate.sensor_scale or coordinate.size(constants)
             found[coordinate.name] = (float(f'{NOISE_PART * usual:.1g}'), coordinate.unit)
