@@ -64,12 +64,12 @@ def draw_truths(
     """
     chosen = [named_truth(kind) for kind in kinds]
     if len({truth.name for truth in chosen}) < len(chosen):
-        raise UserError(f'--kind {" --kind ".join(kinds)}: expected different effects, one of them is there twice')
+        raise UserError(f'kinds {", ".join(kinds)}: expected different effects, one of them is there twice')
     drawn = int(random.integers(0, 3))
     count = effects if effects is not None else len(chosen) or drawn
     if not 0 <= count <= 2 or len(chosen) > count:
-        named = f' with {len(chosen)} named by --kind' if chosen else ''
-        raise UserError(f'--effects {count}{named}: expected 0, 1 or 2 hidden effects, at least as many as are named')
+        named = f' with {len(chosen)} named' if chosen else ''
+        raise UserError(f'effects = {count}{named}: expected 0, 1 or 2 hidden effects, at least as many as are named')
     while len(chosen) < count:
         beyond = bool(random.random() < OUTSIDE_SHARE) if outside is None else outside
         pool = [truth for truth in truths().values() if (not truth.library) == beyond and truth not in chosen]
@@ -83,5 +83,5 @@ def named_truth(kind: str) -> Truth:
     found = truths().get(kind) or by_kind.get(kind) or truths().get(f'truth_{kind}')
     if found is None:
         known = ', '.join(sorted(by_kind))
-        raise UserError(f'--kind {kind}: unknown effect{suggestion(kind, by_kind)}; known are {known}')
+        raise UserError(f'kind {kind}: unknown effect{suggestion(kind, by_kind)}; known are {known}')
     return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence, Sized
 from concurrent.futures import Executor
 from dataclasses import fields
 from functools import lru_cache, wraps
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from sma_sim.model.errors import UserError
 from sma_sim.model.frozen import frozen, own_array
 from sma_sim.model.likely_unit import kelvin_hint
+from sma_sim.model.nearest import suggestion
 from sma_sim.model.parameters import KELVIN, is_number
 
 MAKERS = {  # of the arguments of public functions, by their class
@@ -39,6 +40,12 @@ WORDS: Mapping[Any, str] = {
     Executor: 'an executor such as ThreadPoolExecutor()',
 }
 LIKE: Mapping[Any, Any] = {Path: (str, os.PathLike), bool: (bool, np.bool_)}  # what is taken in place of a type
+
+
+class UnknownArgumentError(UserError, TypeError):
+    """A keyword that a function does not take, with those that may have been meant."""
+
+
 Function = TypeVar('Function', bound=Callable[..., Any])
 MAX_DIFFERENCE = 100.0  # [K]: of ambient temperatures; what differs by more is a temperature
 MAX_SHOWN = 60  # characters of a value in a message
@@ -57,7 +64,8 @@ def checked(function: Function) -> Function:
         try:
             bound = parameters.bind(*given, **named)
         except TypeError:
-            return function(*given, **named)  # says which argument is missing, or is not known
+            check_keywords(function.__name__, parameters.parameters, named)
+            return function(*given, **named)  # says which argument is missing
         hints = hints_of(function)
         for name, value in bound.arguments.items():
             if isinstance(value, Iterator):  # what a check has read would be missing afterwards
@@ -67,6 +75,14 @@ def checked(function: Function) -> Function:
         return function(*bound.args, **bound.kwargs)
 
     return cast(Function, with_checks)
+
+
+def check_keywords(called: str, known: Collection[str], given: Iterable[str]) -> None:
+    """Raise UnknownArgumentError for an argument that what is `called` so does not take."""
+    for name in given:
+        if name not in known:
+            words = ', '.join(one for one in known if one != 'self')
+            raise UnknownArgumentError(f'{called}: no argument {name!r}{suggestion(name, known)}; it takes {words}')
 
 
 def check_fields(record: Any, of: str = '') -> None:

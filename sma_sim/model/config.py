@@ -218,6 +218,7 @@ class Config(Comparable):
 
         Raises UserError for what is no covariance of parameters that a fit can change.
         """
+        expect('covariance', covariance, ParameterCovariance | Mapping[str, RawValue] | None)
         made, active = self.variant(), [one.effect.name for one in self.effects]
         declared = fitted_parameters(self.structure, self.effects)
         made.__dict__['covariance'] = covariance_given(covariance, declared, active)
@@ -286,7 +287,11 @@ class Config(Comparable):
             return self
         members = [one for one in known_structures().values() if one.original == own.original]
         sized = (structure_of_size(one, self.parameters) for one in members)
-        other = next(one for one in sized if one.name == name)
+        benches = {one.name: one for one in sized}
+        if name not in benches:
+            expected = ', '.join(benches)
+            raise ConfigError(f'no bench {name!r} of {own.original}{suggestion(name, benches)}; expected one of {expected}')
+        other = benches[name]
         defaults = other.default_values
         values = {n: v for n, v in self.parameters.items() if n not in other.defaults and n not in own.defaults}
         effects = tuple(

@@ -18,7 +18,10 @@ def whole_file(path: Path) -> Iterator[Path]:
     written to as it is: to replace it would break the device for every program. Raises UserError where the block or the
     renaming raises OSError.
     """
-    is_file = path.is_file() or not path.exists()
+    try:
+        is_file = path.is_file() or not path.exists()
+    except (OSError, ValueError) as error:  # too long a name, or a character that none may have
+        raise UserError(f'cannot write {str(path)!r}: {getattr(error, "strerror", None) or error}') from error
     target = Path(os.path.realpath(path)) if is_file else path
     temporary = target.with_name(f'.{target.stem}.{os.getpid()}.part{target.suffix}') if is_file else target
     try:

@@ -37,6 +37,8 @@ def given_values(path: Path | None, words: str | Iterable[str] | Mapping[str, An
         given |= {name: one for name, one in given_in_file(path).items() if not belongs_to_ros(name)}
     if isinstance(words, Mapping):
         return given_over(given, {name: RawValue(value, COMMAND_LINE) for name, value in words.items()})
+    if not isinstance(words, Iterable):
+        raise ConfigError(f"words: expected 'name=value', such as 'wire.E_A=12e9'; got {words!r}")
     for word in [words] if isinstance(words, str) else words:
         if not isinstance(word, str):
             raise ConfigError(f"words: expected 'name=value', such as 'wire.E_A=12e9'; got {word!r}")
@@ -91,7 +93,7 @@ def effect_words(word: str) -> tuple[str, dict[str, Any]]:
     for setting in settings.split(',') if settings else ():
         parameter, equals, text = setting.partition('=')
         if not equals:
-            raise ConfigError(f'--effect {word}: expected name:parameter=value,..., got {setting!r}')
+            raise ConfigError(f'effect {word}: expected name:parameter=value,..., got {setting!r}')
         values[parameter.strip()] = parse(parameter.strip(), text)
     return name, values
 

@@ -7,6 +7,7 @@ The names are those of the YAML file, of ``--set`` and of the ROS parameters. `W
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from numbers import Real
@@ -101,8 +102,9 @@ def fault_of(parameter: Parameter) -> str:
 
 
 def is_number(value: object) -> bool:
-    """Whether a value is one number."""
-    return isinstance(value, Real) and not isinstance(value, bool)
+    """Whether a value is one number, and none that is too large for a float."""
+    is_real = isinstance(value, Real) and not isinstance(value, bool)
+    return is_real and not (isinstance(value, int) and abs(value) > sys.float_info.max)
 
 
 WIRE_PARAMETERS = declared_in(

@@ -87,7 +87,7 @@ def load_file(file: Path, package: str, error: type[UserError]) -> ModuleType:
     writes, sys.dont_write_bytecode = sys.dont_write_bytecode, True  # bytecode tells edits by second and size only
     try:
         spec.loader.exec_module(module)
-    except Exception as fault:
+    except (Exception, SystemExit) as fault:
         raise error(f'{file} cannot be loaded: {type(fault).__name__}: {fault}{hint(fault)}') from fault
     finally:
         sys.path.remove(str(file.parent))
@@ -95,7 +95,7 @@ def load_file(file: Path, package: str, error: type[UserError]) -> ModuleType:
     return module
 
 
-def hint(error: Exception) -> str:
+def hint(error: BaseException) -> str:
     """What to do about an error in a file that another version of the program took."""
     if isinstance(error, TypeError) and "'depends_on_x'" in str(error):
         return '; remove it: what a kernel reads is inferred'

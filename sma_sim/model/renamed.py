@@ -6,20 +6,23 @@ import warnings
 from collections.abc import Callable
 from dataclasses import fields
 from functools import wraps
+from inspect import signature
 from typing import Any, TypeVar
 
+from sma_sim.model.argument_checks import check_keywords
 from sma_sim.model.errors import UserError
 
 Class = TypeVar('Class', bound=type)
 
 
 def renamed(**names: str) -> Callable[[Class], Class]:
-    """A decorator of a class whose arguments and attributes `old=new` have other names now.
+    """A decorator of a class whose arguments and attributes `old=new` have other names now, and unknown ones are said.
 
     In ``dataclasses.replace(options, model='mas')`` the old argument overrides the new one, which is among all others there.
     """
 
     def decorated(kind: Class) -> Class:
+        known = signature(kind).parameters
         init = getattr(kind, '__init__')  # noqa: B009 - mypy takes an instance's for unsound
 
         @wraps(init)
@@ -31,6 +34,7 @@ def renamed(**names: str) -> Callable[[Class], Class]:
                 if new in named and named[new] != value and not is_replaced:
                     raise UserError(f'{kind.__name__}: {old} = {value!r}, but {new} = {named[new]!r}: leave {old} out')
                 named[new] = value
+            check_keywords(kind.__name__, known, named)
             init(self, *given, **named)
 
         setattr(kind, '__init__', with_old_names)  # noqa: B010

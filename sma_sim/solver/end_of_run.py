@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from contextlib import suppress
 from itertools import product
 
@@ -25,6 +26,8 @@ from sma_sim.solver.model import Model, new_findings
 NARROW = 1e5  # [Pa]: a hysteresis that has nearly closed
 MELTING_POINT = 1583.0  # [K] of NiTi: 1310 deg C (Massalski, Binary Alloy Phase Diagrams, 1990)
 LATER = (0.0, *(sign * 10.0**k for k in (-6, -4, -2, 0) for sign in (1.0, -1.0)))  # [s]: about the lengths of steps
+BUCKLED = 5e7  # [Pa] of compression, which no thin wire bears; a few MPa are errors of a model and its start
+NONE = np.zeros(0)
 NO_CAPACITY = 0.1  # of a wire's own, where a run that cannot go on is said to lack it
 
 
@@ -131,6 +134,26 @@ def melting_note(temperatures: Vector) -> str:
         f'wire {wire + 1} comes to {known[:, wire].max():.0f} K; NiTi melts at {MELTING_POINT:.0f} K, which the model does '
         'not know: check the command and its unit, wire.n, wire.r0 and wire.lambda'
     )
+
+
+def compression_note(columns: Mapping[str, Vector]) -> str:
+    """How far a single wire was pushed together, '' where it was not."""
+    stress = columns.get('stress_Pa', NONE)
+    least = float(stress[np.isfinite(stress)].min(initial=0.0))
+    if least > -BUCKLED:
+        return ''
+    return f'the wire comes to {1e-6 * least:.0f} MPa: a wire that is pushed buckles, which the model does not know'
+
+
+def limit_notes(model: Model, columns: Mapping[str, Vector]) -> list[str]:
+    """Which coordinates have gone beyond the limits that their structure declares."""
+    found = []
+    for coordinate in model.structure.coordinates:
+        most = float(np.abs(columns.get(coordinate.column, NONE)).max(initial=0.0))
+        if most > coordinate.limit:
+            unit = coordinate.unit
+            found.append(f'{coordinate.name} comes to {most:.3g} {unit}, beyond its limit of {coordinate.limit:.3g} {unit}')
+    return found
 
 
 def warn_of_idle_effects(config: Config, stacklevel: int = 4) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +13,11 @@ from sma_sim.model.argument_checks import as_array, as_kelvin, as_own_array, exp
 from sma_sim.model.arrays import Vector
 from sma_sim.model.comparable import Comparable
 from sma_sim.model.errors import UserError
+from sma_sim.model.parameters import is_number
 from sma_sim.model.shown import Shown
 from sma_sim.model.structures.structure import Structure
 
+MAX_SAMPLES = 1e8  # of a run: their columns take 10 GB and more
 INPUT_NAMES = {2: ('J_eq_W', 'T_E_K'), 3: ('strain', 'J_W', 'T_E_K')}  # by the number of columns: module, wire
 
 
@@ -242,16 +245,38 @@ def with_zero_crossings(source: Input) -> tuple[Vector, NDArray[np.float64]]:
 
 def requested_times(source: Input, samples: Vector | Sequence[float] | float) -> Vector:
     """Sample times from a rate [1/s] or as given: increasing, within the input's. Raises UserError."""
-    if isinstance(samples, float | int) and not isinstance(samples, bool):
+    single = samples.item() if isinstance(samples, np.ndarray) and samples.ndim == 0 else samples
+    if is_number(single):
+        samples = float(cast(float, single))
         if not 0.0 < samples < np.inf:
             raise UserError(
                 f'sample_times = {samples:g}: expected a rate of more than 0 per second, or an array of times [s]'
             )
+        if (length := float(source.times[-1] - source.times[0])) * samples > MAX_SAMPLES:
+            raise UserError(
+                f'sample_times = {samples:g}: {length:g} s would have {length * samples:g} samples; expected a rate [1/s] '
+                f'that makes {MAX_SAMPLES:g} at most'
+            )
         return regular_times(source, samples)
     times = np.array(as_array('sample_times', samples, 'per second, or times [s]'))
+    first, last = source.times[0], source.times[-1]
     if times.ndim == 0:
         raise UserError(f'sample_times: expected a rate [1/s] or times (k,) [s], got {samples!r}')
-    first, last = source.times[0], source.times[-1]
-    if times.ndim != 1 or not (np.diff(times) > 0.0).all() or len(times) and not first <= times[0] <= times[-1] <= last:
-        raise UserError(f'sample times must increase from {first:g} s at the earliest to {last:g} s at the latest')
+    if fault := fault_of_times(times):
+        raise UserError(f'sample_times: expected a rate [1/s] or times (k,) [s] that increase, got {fault}')
+    if len(times) and not first <= times[0] <= times[-1] <= last:
+        raise UserError(
+            f'sample_times from {times[0]:g} to {times[-1]:g} s: expected times of the input, {first:g} to {last:g} s'
+        )
     return times
+
+
+def fault_of_times(times: NDArray[np.float64]) -> str:
+    """Where times are not (k,) that increase, '' where they are."""
+    if times.ndim != 1:
+        return f'an array of shape {times.shape}'
+    wrong = np.flatnonzero(~np.isfinite(times))
+    if len(wrong):
+        return f'{times[wrong[0]]} at number {wrong[0] + 1}'
+    back = np.flatnonzero(np.diff(times) <= 0.0)
+    return f'{times[back[0]]:.9g} s and then {times[back[0] + 1]:.9g} s' if len(back) else ''

@@ -18,10 +18,12 @@ from sma_sim.model.effects.ports import STRUCTURE_FORCE, EffectTable
 from sma_sim.model.errors import UserError
 from sma_sim.model.layout import O_DL, StructureTable, System
 from sma_sim.model.parameters import WireConstants, wire_constants
+from sma_sim.model.renamed import renamed
 from sma_sim.model.structures.structure import Constants, Structure, numbers, record
 from sma_sim.solver.effect_table import effect_table
 
 
+@renamed()
 @dataclass(frozen=True)
 class Model:
     """A configuration, ready to run: what it needs is compiled, or loaded, when it is first used.

@@ -30,7 +30,15 @@ from sma_sim.solver.beginning import AT_REST, Beginning
 from sma_sim.solver.clock import held_until, seen_at
 from sma_sim.solver.columns import are_channels, named_columns, new_samples, sampled_numbers, state_numbers
 from sma_sim.solver.effect_table import own_scratch, sizes_of_states
-from sma_sim.solver.end_of_run import melting_note, notes_on_commands, notes_on_start, stop_reason, warn_of_idle_effects
+from sma_sim.solver.end_of_run import (
+    compression_note,
+    limit_notes,
+    melting_note,
+    notes_on_commands,
+    notes_on_start,
+    stop_reason,
+    warn_of_idle_effects,
+)
 from sma_sim.solver.equilibrium import start, take_fractions
 from sma_sim.solver.inputs import Input, check_columns, inputs_at, requested_times, segments
 from sma_sim.solver.integrate import (
@@ -69,6 +77,7 @@ NAMED_EDGES = tuple((GUARD_NAMES[guard], source, target) for source, target, gua
 STOPPED = 'Ctrl-C'
 SENSIBLE_STRAINS = (-0.05, 0.3)  # of the wires at the start
 STALL_STEP = 1e-6  # [s] at the default tolerance; usual runs take 1e-1, and 1e-5 for a few ms after a command changes
+MOST_STEPS = 10**18  # that integers of compiled code hold
 MAX_JUMPS = 100_000  # the log of jumps holds no more
 PIECES_AT_ONCE = 2000  # stretches of input between two looks at Ctrl-C
 DIFFERENCE = 1e-7  # difference steps relative to the scales
@@ -250,6 +259,8 @@ def simulate(
         warn_of_idle_effects(model.config)
     if not max_step > 0.0:
         raise UserError(f'max_step = {max_step!r}: expected more than 0 s')
+    if not max_steps >= 1.0:
+        raise UserError(f'max_steps = {max_steps!r}: expected a number of steps, 1 or more')
     times, values, slopes = segments(source)
     work = new_work(model)
     run = copy_of_run(model, initial_state) if initial_state else new_run(model, values[0], work)
@@ -257,7 +268,7 @@ def simulate(
     asked = requested_times(source, sample_times)
     seen = seen_at(model, asked, float(source.times[0]))
     times, values, slopes = held_until((times, values, slopes), seen)
-    limits = Limits(float(max_step), int(max_steps), min(stall_step(model), 0.1 * max_step))
+    limits = Limits(float(max_step), int(min(max_steps, MOST_STEPS)), min(stall_step(model), 0.1 * max_step))
     compiled, integrate_stretches = own_scratch(model.compiled), package_compiler().function(integrate)
     reason = REASONS[COMPLETED]
     sampled = sampled_numbers(channels, model.structure)
@@ -325,14 +336,14 @@ def trajectory(
 ) -> Trajectory:
     """What a run left behind, with names; `times` (k,) [s] at which samples are shown, and their `source`.
 
-    Warns of wires that would have melted.
+    Warns of wires that would have melted or buckled, and of coordinates beyond their limits.
     """
     written = slice(int(log.written[0]))
     columns, resistances = named_columns(model.structure, log.samples[written], log.numbers)
-    hot = melting_note(temperatures_of(model, columns, run))
-    if hot and not are_channels(log.numbers, model.structure):  # a fit tries much
-        warnings.warn(hot, PhysicsWarning, stacklevel=4)  # at the line that calls `simulate`
-        notes = (*notes, hot)
+    doubts = [melting_note(temperatures_of(model, columns, run)), compression_note(columns), *limit_notes(model, columns)]
+    for doubt in filter(None, [] if are_channels(log.numbers, model.structure) else doubts):  # a fit tries much
+        warnings.warn(doubt, PhysicsWarning, stacklevel=4)  # at the line that calls `simulate`
+        notes = (*notes, doubt)
     time, inputs = times[written], dict[str, Vector]()
     if source is not None and not are_channels(log.numbers, model.structure):
         inputs = {name: values for name, values in inputs_at(source, time).items() if name != 'time_s'}

@@ -11,6 +11,7 @@ from sma_sim.model.archive import Saved
 from sma_sim.model.argument_checks import checked
 from sma_sim.model.arrays import Vector
 from sma_sim.model.comparable import Comparable
+from sma_sim.model.errors import UserError
 from sma_sim.model.nearest import UnknownNameError, suggestion
 from sma_sim.model.optional import require
 from sma_sim.model.shown import Shown, listed, text_table
@@ -94,8 +95,10 @@ class Trajectory(Shown, Saved, Comparable):
         if name == 'time_s':
             return self.time
         for columns in (self.columns, self.inputs, self.resistances):
-            if name in columns:
+            if isinstance(name, str) and name in columns:
                 return columns[name]
+        if not isinstance(name, str):
+            raise UserError(f"expected the name of a column, such as 'time_s', got {name!r}; to_dataframe() takes several")
         known = self.keys()
         raise UnknownNameError(f'no column {name!r}{suggestion(name, known)}; the columns are {", ".join(known)}')
 

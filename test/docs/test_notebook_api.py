@@ -7,7 +7,7 @@ import pickle
 import re
 import sys
 import warnings
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
@@ -20,7 +20,7 @@ from sma_sim import Config, Dataset, FitOptions, Model, Recording, UserError, mo
 from sma_sim.control import PredictiveController
 from sma_sim.evidence.estimation.calibrate import LimitReached
 from sma_sim.evidence.symbolic_regression.locations import locations_of_hook
-from sma_sim.guard import Guard
+from sma_sim.guard import Counters, Guard
 from sma_sim.model.archive import MOVED, resolved
 from sma_sim.model.progress import ProgressLine
 from sma_sim.model.structures.discovery import KNOWN
@@ -88,6 +88,31 @@ def test_a_run_as_a_figure(run):
     whole, single = run.plot(title='a step'), run.plot('alpha_rad')
     assert len(single.axes) == 1 < len(whole.axes) and whole.get_suptitle() == 'a step'
     assert single._repr_png_().startswith(b'\x89PNG')
+
+
+def test_a_fit_says_which_values_ended_at_a_limit(dataset):
+    found = sma_sim.calibrate(dataset, Config(), replace(QUICK, intervals=False, limits={'beam.E': (2.5e9, 3e9)}))
+    assert 'beam.E' in found.at_bound and 'at a limit: beam.E' in repr(found)
+    assert 'at a limit: beam.E = 2.5e+09 Pa ended at a limit of the fit (2.5e+09 to 3e+09)' in found.summary()
+    assert 'FitOptions(limits=...)' in found.summary()
+
+
+def test_a_rate_may_be_any_number():
+    for rate in (np.int64(5), np.float32(5.0), np.array(5.0), 5):
+        assert len(simulate(Model(), COMMAND, rate).time) == 61
+
+
+def test_a_run_that_no_structure_bears_is_said():
+    pull = sma_sim.wire_input([0.0, 60.0], [0.0, -0.06])
+    soft = replace(pusher(), coordinates=(sma_sim.Coordinate('x', 'm', 1e-3, limit=1e-4),))
+    heating = sma_sim.Input([0.0, 1.0, 3.0], [[0.0, 298.0], [0.6, 298.0], [0.0, 298.0]], (False,) * 2, ('J_W', 'T_E_K'))
+    for words, config, source in (
+        ('the wire comes to -7.. MPa: .* buckles', Config(system='wire'), pull),
+        ('x comes to .* beyond its limit of 0.0001 m', Config(system=soft), heating),
+    ):
+        with pytest.warns(sma_sim.PhysicsWarning, match=words):
+            run = simulate(config, source, 2.0)
+        assert any(re.search(words, note) for note in run.notes)
 
 
 def test_equal_runs_are_equal(run):
@@ -368,7 +393,10 @@ SHAPES = {
     'text for a number': (lambda: Config(effects=[sma_sim.effects.gravity(g_y='3')]), "effects.gravity.g_y = '3'"),
     'a jump of the clock': (lambda: jumping_observer(1e6), 'make another Observer after a pause or a jump'),
     'times in words': (lambda: simulate(Model(), COMMAND, ['a']), 'sample_times: expected numbers'),
-    'times outside': (lambda: simulate(Model(), COMMAND, [0.0, 99.0]), 'from 0 s at the earliest to 12 s at the latest'),
+    'times outside': (
+        lambda: simulate(Model(), COMMAND, [0.0, 99.0]),
+        'from 0 to 99 s: expected times of the input, 0 to',
+    ),
     'channel': (lambda: simulate(Model(), COMMAND, 10.0, channels='alhpa'), 'did you mean alpha'),
     'step': (lambda: simulate(Model(), COMMAND, 10.0, max_step=-1.0), 'max_step = -1.0: expected more than 0 s'),
     'state': (lambda: simulate(Model(), COMMAND, 10.0, initial_state=3), 'initial_state: expected Run or Trajectory'),
@@ -596,6 +624,37 @@ SHAPES = {
         lambda: sma_sim.diagnose(one(), Config(), Dataset(())),
         'held_out: there is no recording; leave it out',
     ),
+    'two kinetics': (
+        lambda: sma_sim.DiagnosisRequest(kinetics='mas', options=FitOptions(kinetics='hybrid')),
+        "kinetics = 'mas', but options have kinetics = 'hybrid'",
+    ),
+    'estimate of another robot': (lambda: guarded(), 'estimate: it is of 1 wire(s); expected one of 2'),
+    'counters in numbers': (lambda: Counters.read(3, 2), 'path: expected a text or a path; got 3'),
+    'a number beyond floats': (lambda: Config({'beam.E': 10**400}), 'expected a number'),
+    'no bench': (lambda: Config().on_bench('foo'), "no bench 'foo' of module; expected one of module, module_at_T"),
+    'no covariance': (lambda: Config().with_covariance(3), 'covariance: expected ParameterCovariance'),
+    'words in numbers': (lambda: sma_sim.read_config(words=3), "words: expected 'name=value'"),
+    'steps that are none': (lambda: simulate(Model(), COMMAND, 4.0, max_steps=np.nan), 'max_steps = nan: expected a number'),
+    'an endless rate': (lambda: simulate(Model(), COMMAND, 1e12), '12 s would have 1.2e+13 samples'),
+    'times that stand': (lambda: simulate(Model(), COMMAND, [0.0, 1.0, 1.0]), 'increase, got 1 s and then 1 s'),
+    'times with a gap': (lambda: simulate(Model(), COMMAND, [0.0, np.nan]), 'increase, got nan at number 2'),
+    'times in rows': (lambda: simulate(Model(), COMMAND, [[0.0, 1.0]]), 'increase, got an array of shape (1, 2)'),
+    'time with a gap': (lambda: recorded(np.where(TIME == 2.0, np.nan, TIME)), 'must increase, got nan at number 3'),
+    'several columns': (lambda: simulate(Model(), COMMAND, 1.0)[['alpha_rad']], 'expected the name of a column'),
+    'seed of a design': (lambda: sma_sim.DesignRequest(seed=-1), 'seed = -1: expected a whole number, 0 or more'),
+    'no budget': (lambda: sma_sim.DesignRequest(budget=0), 'budget = 0: expected a whole number, 1 or more'),
+    'a hold in hours': (lambda: sma_sim.DesignRequest(hold=1e-4), 'expected seconds, and at most 2000 levels'),
+    'stress of a design': (lambda: sma_sim.DesignRequest(stress=300.0), 'stress = 300 Pa: expected the largest'),
+    'temperature of a design': (lambda: sma_sim.DesignRequest(temperature=80.0), '80 deg C are 353.15 K'),
+    'executor that is shut down': (lambda: sma_sim.calibrate(one(), Config(), QUICK, shut_down()), 'executor: cannot'),
+    'name that no file has': (lambda: a_run().save('a\0.npz'), "cannot write 'a\\x00.npz'"),
+    'name that is too long': (lambda: a_run().save('a' * 300 + '.npz'), 'File name too long'),
+    'keyword of a configuration': (lambda: Config(kinetic='mas'), "Config: no argument 'kinetic'; did you mean kinetics?"),
+    'keyword of a function': (lambda: sma_sim.calibrate(one(), Config(), option=QUICK), 'did you mean options?'),
+    'keyword of a request': (lambda: sma_sim.DiagnosisRequest(free='beam.E'), "no argument 'free'; it takes kinetics"),
+    'keyword of a model': (lambda: Model(kinetics='mas'), "Model: no argument 'kinetics'; it takes config"),
+    'limits in gigapascal': (lambda: limited({'beam.E': (1.0, 4.0)}), 'limit of beam.E, 1 to 4 Pa: expected some of'),
+    'limits of no delay': (lambda: limited({'delay': (20.0, 50.0)}), '20 to 50 s: no recording is longer than 12 s'),
 }
 MM = sma_sim.Coordinate('x', 'mm', 1.0)
 
@@ -611,6 +670,24 @@ def pushed(**changes):
 def old_and_new(kind):
     with pytest.warns(DeprecationWarning, match='model is called kinetics now'):
         kind(model='mas', kinetics='hybrid')
+
+
+def a_run():
+    return simulate(Model(), COMMAND, 1.0)
+
+
+def shut_down():
+    pool = ThreadPoolExecutor(1)
+    pool.shutdown()
+    return pool
+
+
+def limited(limits):
+    return sma_sim.calibrate(one(), Config(), replace(QUICK, limits=limits))
+
+
+def guarded():
+    return Guard(Config()).limit(5.0, Observer(Config(system='slider')).update(0.0, 1.0), 0.0)
 
 
 def told(**nuisance):

@@ -157,8 +157,8 @@ def test_number_and_kind_of_effects_can_be_asked_for():
     [
         ({'kinds': ['gravty']}, 'unknown effect; did you mean gravity'),
         ({'kinds': ['gravity', 'truth_gravity']}, 'expected different effects'),
-        ({'kinds': ['gravity'], 'effects': 0}, '--effects 0 with 1 named'),
-        ({'kinds': ['gravity', 'fan', 'slack']}, '--effects 3 with 3 named'),
+        ({'kinds': ['gravity'], 'effects': 0}, 'effects = 0 with 1 named'),
+        ({'kinds': ['gravity', 'fan', 'slack']}, 'effects = 3 with 3 named'),
         ({'effects': 3}, 'expected 0, 1 or 2'),
         ({'plan': RecordingPlan(runs=2)}, '2 runs: expected at least 3'),
         ({'plan': RecordingPlan(duration=0.5)}, 'expected at least 1 s'),

@@ -267,7 +267,7 @@ def test_the_command_knows_parameters_better(tmp_path, capsys):
         (['--between', 'gravity', 'gravity'], 'different explanations'),
         (['--between', 'gravity', 'nothing', '--parameters', 'beam.E'], 'one of them'),
         (['--length', '1', '--parameters', 'beam.E'], 'at least four holds'),
-        (['--max-power', '-1'], 'max-power'),
+        (['--max-power', '-1'], 'power = -1 W: expected'),
         (['--tries', '0'], 'tries'),
     ],
 )

@@ -25,7 +25,7 @@ from sma_sim.model.renamed import renamed
 from sma_sim.model.shown import Shown, listed
 from sma_sim.model.structures.discovery import known_structures
 from sma_sim.model.structures.structure import Structure
-from sma_sim.solver.inputs import Input, check_columns
+from sma_sim.solver.inputs import Input, check_columns, fault_of_times
 
 MAX_OUTSIDE = 0.5  # of the samples, before or after the source: there its first and last values hold; more is another unit
 FIRST = ('module', 'wire')  # their channels come first wherever channels of several systems are listed
@@ -176,8 +176,8 @@ class Recording(Shown, Saved, Comparable):
                 f'recording {self.name}: system {self.system!r}{hint}; expected one of {", ".join(NEEDED_COLUMNS)}'
             )
         time = as_own_array(f'recording {self.name}, time', self.time)
-        if time.ndim != 1 or not (np.diff(time) > 0.0).all():
-            raise UserError(f'recording {self.name}: time (k,) [s] must increase, got an array of shape {time.shape}')
+        if fault := fault_of_times(time):
+            raise UserError(f'recording {self.name}: time (k,) [s] must increase, got {fault}')
         known = list(self.columns)
         for name, values in self.channels.items():
             if name not in known:
@@ -283,6 +283,7 @@ def has_same_samples(one: Recording, other: Recording) -> bool:
     return any(np.ptp(own[np.isfinite(own)]) > 0.0 for own in one.channels.values() if np.isfinite(own).any())
 
 
+@renamed()
 @dataclass(frozen=True, eq=False, repr=False)
 class Dataset(Shown, Saved, Comparable):
     """Recordings of one robot or wire.

@@ -70,6 +70,7 @@ from sma_sim.model.argument_checks import check_fields, checked, is_like
 from sma_sim.model.arrays import Vector
 from sma_sim.model.config import AUTO, Config
 from sma_sim.model.errors import UserError
+from sma_sim.model.likely_unit import unit_hint
 from sma_sim.model.materials import MATERIALS
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.optional import require
@@ -229,6 +230,8 @@ class Calibration(Shown, Saved):
             'fitted': listed(values),
         }
         found |= {'recordings': listed(run.name for run in self.runs), 'delay': f'{1e3 * self.delay:.3g} ms'}
+        if self.at_bound:
+            found['at a limit'] = listed(self.at_bound)
         if without := self.without_influence:
             found['of no influence'] = listed(without)
         return found | ({} if self.converged else {'not converged': 'the best so far'})
@@ -244,8 +247,9 @@ class Calibration(Shown, Saved):
 
     def summary(self) -> str:
         """What is to be known, and every parameter with its 95 % interval and unit, as text."""
-        words = [f'{name}: {text}' for name, text in self.facts().items() if name != 'fitted']
-        return '\n'.join([*words, '', self.table()])
+        words = [f'{name}: {text}' for name, text in self.facts().items() if name not in ('fitted', 'at a limit')]
+        words += [f'at a limit: {limit.words}' for limit in self.limits]
+        return '\n'.join([*words, *(['FitOptions(limits=...) moves limits'] if self.limits else []), '', self.table()])
 
     def table(self) -> str:
         """Every parameter with its 95 % interval and unit, as text."""
@@ -705,7 +709,12 @@ class LimitReached:
 
     @property
     def text(self) -> str:
-        """In words."""
+        """In words, with what moves the limit on the command line."""
+        return f'{self.words} ({self.cure})' if self.is_movable else self.words
+
+    @property
+    def words(self) -> str:
+        """Where it ended."""
         unit = '' if self.unit == '-' else f' {self.unit}'
         if not self.is_movable:
             between = f'{self.low:.4g} to {self.high:.4g}'
@@ -713,7 +722,7 @@ class LimitReached:
         where = f' in {", ".join(self.recordings)}' if self.recordings else ''
         return (
             f'{self.name} = {self.value:.4g}{unit} ended at a limit of the fit{where} ({self.low:.4g} to {self.high:.4g}): '
-            f'the true value may be beyond it ({self.cure})'
+            f'the true value may be beyond it'
         )
 
     @property
@@ -747,10 +756,22 @@ def within_limits(problem: Problem, limits: Mapping[str, Range]) -> Problem:
     for name, (low, high) in limits.items():
         if name not in (*names, DELAY_NAME, STRAIN_ZERO):
             raise UserError(
-                f'--limit {name}: expected {DELAY_NAME}, {STRAIN_ZERO}, or a parameter that is fitted: {", ".join(names)}'
+                f'limit of {name}: expected {DELAY_NAME}, {STRAIN_ZERO}, or a parameter that is fitted: {", ".join(names)}'
             )
         if not low < high:
-            raise UserError(f'--limit {name}={low:g}:{high:g}: expected the lower end first')
+            raise UserError(f'limit of {name}, {low:g} to {high:g}: expected the lower end first')
+    longest = max(float(run.time[-1] - run.time[0]) for run in problem.runs)
+    if DELAY_NAME in limits and not (limits[DELAY_NAME][0] < longest and limits[DELAY_NAME][1] > -longest):
+        low, high = limits[DELAY_NAME]
+        raise UserError(f'limit of delay, {low:g} to {high:g} s: no recording is longer than {longest:g} s')
+    declared = declared_parameters(problem.config)
+    for name in limits.keys() & declared.keys():
+        (low, high), (least, most), unit = limits[name], declared[name].bounds, declared[name].unit
+        if high < least or low > most:
+            hint = unit_hint(declared[name], high)
+            raise UserError(
+                f'limit of {name}, {low:g} to {high:g} {unit}: expected some of {least:g} to {most:g} {unit}{hint}'
+            )
     free = tuple(narrowed(one, limits[one.name]) if one.name in limits else one for one in problem.free)
     delay = tuple(map(DELAY.coordinate, limits[DELAY_NAME])) if DELAY_NAME in limits else problem.delay_range
     runs = problem.runs
@@ -762,7 +783,7 @@ def within_limits(problem: Problem, limits: Mapping[str, Range]) -> Problem:
 def narrowed(free: FreeParameter, limits: Range) -> FreeParameter:
     """A parameter between other bounds (SI). Raises UserError for a logarithmic one that is to be 0 or less."""
     if free.log and limits[0] <= 0.0:
-        raise UserError(f'--limit {free.name}={limits[0]:g}:{limits[1]:g}: expected more than 0')
+        raise UserError(f'limit of {free.name}, {limits[0]:g} to {limits[1]:g}: expected more than 0')
     return replace(free, low=free.coordinate(limits[0]), high=free.coordinate(limits[1]))
 
 

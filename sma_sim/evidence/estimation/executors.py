@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 from sma_sim.evidence.estimation.search_context import Stop
 from sma_sim.model.config import Config, folders_of
 from sma_sim.model.effects.discovery import ActiveEffect, effects_on, find_effects
+from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import find_structures
 from sma_sim.solver.model import Model
 
@@ -134,6 +135,10 @@ def executor_or_threads(executor: Executor | None) -> Iterator[Executor]:
     """
     with one_thread_for_linear_algebra():
         if executor is not None:
+            try:
+                executor.submit(int)
+            except RuntimeError as error:
+                raise UserError(f'executor: {error}; expected one that has not been shut down') from error
             yield executor
             return
         with ThreadPoolExecutor(os.cpu_count()) as threads:

@@ -202,7 +202,7 @@ def choose_free(
         if name not in declared:
             hint = suggestion(name, declared)
             raise UserError(
-                f'--free {name}: no such parameter can be fitted{hint}; expected wire.*, beam.*, plate.* '
+                f'free {name}: no such parameter can be fitted{hint}; expected wire.*, beam.*, plate.* '
                 'or effects.NAME.* of an active effect'
             )
     fixed = [FixedParameter(name, why) for name in requested if (why := why_unidentifiable(name, config, measured))]

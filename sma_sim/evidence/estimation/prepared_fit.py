@@ -120,6 +120,14 @@ def check_kinetics(asked: str | None) -> None:
         raise UserError(f'kinetics = {asked!r}: expected one of {", ".join(known)}{hint}')
 
 
+def agreed_kinetics(asked: str | None, of_options: str | None) -> str | None:
+    """The kinetics of a request, or those of its options where it says none. Raises UserError where both differ."""
+    check_kinetics(asked)
+    if None not in (asked, of_options) and asked != of_options:
+        raise UserError(f'kinetics = {asked!r}, but options have kinetics = {of_options!r}: leave one of both out')
+    return of_options if asked is None else asked
+
+
 def on_leading_bench(config: Config, dataset: Dataset) -> Config:
     """The configuration on that bench of the recordings whose model says most: with a heat balance before one without."""
     benches = dict.fromkeys(recording.system for recording in dataset.recordings)

@@ -153,7 +153,7 @@ def next_experiment(
     >>> sma_sim.next_experiment(dataset, sma_sim.Config(), sma_sim.DesignRequest(between='gravity'))
     Traceback (most recent call last):
     ...
-    sma_sim.model.errors.UserError: --between gravity: expected at least two different explanations
+    sma_sim.model.errors.UserError: between gravity: expected at least two different explanations
     """
     t_start, request = time.perf_counter(), request or DesignRequest()
     check_design_request(config, request)
@@ -198,15 +198,12 @@ def check_design_request(config: Config, request: DesignRequest) -> None:
         moved = ', '.join([drive.name for drive in structure.drives] + list(structure.commands))
         raise UserError(f'next designs one heating command over time; system {config.system} is moved by {moved}')
     if len(set(request.between)) != len(request.between) or len(request.between) == 1:
-        raise UserError(f'--between {" ".join(request.between)}: expected at least two different explanations')
+        raise UserError(f'between {" ".join(request.between)}: expected at least two different explanations')
     check_names(config, request)
     if request.between and request.parameters:
-        raise UserError('--between and --parameters ask for different experiments: give one of them')
+        raise UserError('between and parameters ask for different experiments: give one of them')
     if not (request.hold > 0.0 and request.length >= 4.0 * request.hold):
-        raise UserError(f'--length {request.length:g} s with --hold {request.hold:g} s: expected at least four holds')
-    for name, value in (('power', request.power), ('temperature', request.temperature), ('stress', request.stress)):
-        if value is not None and not value > 0.0:
-            raise UserError(f'--max-{name}: expected more than 0')
+        raise UserError(f'length {request.length:g} s with hold {request.hold:g} s: expected at least four holds')
 
 
 def check_names(config: Config, request: DesignRequest) -> None:
@@ -214,11 +211,11 @@ def check_names(config: Config, request: DesignRequest) -> None:
     declared, effects = declared_parameters(config), find_effects(request.folders)
     for name in request.parameters:
         if name not in declared:
-            raise UserError(f'--parameters {name}: not fitted here{suggestion(name, declared)}')
+            raise UserError(f'parameters {name}: not fitted here{suggestion(name, declared)}')
     for effect in (part for name in request.between for part in name.split('+') if name != NO_EFFECT):
         if effect.partition(SEPARATOR)[0] not in effects:
             hint = suggestion(effect, effects)
-            raise UserError(f'--between {effect}: no effect that could be missing from this model{hint}')
+            raise UserError(f'between {effect}: no effect that could be missing from this model{hint}')
 
 
 def hypotheses_for(
@@ -245,7 +242,7 @@ def command_grid(training: Dataset, request: DesignRequest, structure: Structure
     power = reached if request.power is None else request.power
     origin = 'given' if request.power is not None else 'the largest command in the recordings'
     if not power > 0.0:
-        raise UserError('the recordings have no command other than zero: give --max-power')
+        raise UserError('the recordings have no command other than zero: give the largest power of the experiment')
     cells = round(request.length / request.hold)
     grid = CommandGrid(cells, request.hold, power, not structure.antagonistic, structure.input_columns)
     return grid, {'power': origin}
@@ -287,7 +284,7 @@ def parameter_combinations(hypothesis: ModelHypothesis, request: DesignRequest) 
         return np.hstack([chosen, np.zeros((len(chosen), hypothesis.shared - p))])
     for name in request.parameters:
         if name not in names:
-            raise UserError(f'--parameters {name}: not fitted here{suggestion(name, names)}; fitted are {", ".join(names)}')
+            raise UserError(f'parameters {name}: not fitted here{suggestion(name, names)}; fitted are {", ".join(names)}')
     return np.eye(hypothesis.shared)[[names.index(name) for name in request.parameters]]
 
 
@@ -320,7 +317,7 @@ def search_design(
         limits = problem.limits
         raise UserError(
             f'the limits of {limits.temperature:.0f} K and {limits.stress / 1e6:.0f} MPa leave no command: a default '
-            'sequence exceeds them however weak; raise --max-temperature or --max-stress'
+            'sequence exceeds them however weak; allow a higher temperature or stress'
         )
     if single or linear.interrupted:
         return SearchOutcome(linear, None)

@@ -17,8 +17,14 @@ from sma_sim.model.archive import Saved
 from sma_sim.model.argument_checks import as_folders, check_fields
 from sma_sim.model.arrays import Vector
 from sma_sim.model.comparable import Comparable
+from sma_sim.model.errors import UserError
+from sma_sim.model.likely_unit import kelvin_hint
+from sma_sim.model.parameters import KELVIN
 from sma_sim.model.renamed import renamed
 from sma_sim.model.shown import Shown, listed
+from sma_sim.model.unit_mismatch import MIN_STRESS
+
+MAX_CELLS = 2000  # levels of a command: a search tries them one by one
 
 
 @renamed(model='kinetics')
@@ -61,6 +67,21 @@ class DesignRequest:
     def __post_init__(self) -> None:
         check_fields(self)
         check_kinetics(self.kinetics)
+        for name, least in {'seed': 0, 'budget': 1}.items():
+            if (given := getattr(self, name)) < least:
+                raise UserError(f'{name} = {given}: expected a whole number, {least} or more')
+        if self.hold > 0.0 and not self.length <= MAX_CELLS * self.hold:
+            raise UserError(
+                f'length {self.length:g} s with hold {self.hold:g} s: expected seconds, and at most {MAX_CELLS} levels'
+            )
+        limits = {'power': (0.0, 'W'), 'temperature': (KELVIN[0], 'K'), 'stress': (MIN_STRESS, 'Pa')}
+        for name, (low, unit) in limits.items():
+            value = getattr(self, name)
+            if value is not None and not value > low:
+                hint = kelvin_hint(value) if unit == 'K' else ''
+                raise UserError(
+                    f'{name} = {value:g} {unit}: expected the largest of the experiment, above {low:g} {unit}{hint}'
+                )
         object.__setattr__(self, 'folders', tuple(as_folders('folders', self.folders)))
         for name in ('between', 'parameters'):
             given = getattr(self, name)

@@ -115,7 +115,7 @@ def named_rivals(base: FitResult, names: Sequence[str], context: SearchContext) 
         if effect not in candidates:
             known = ', '.join(sorted({candidate.effect.plain_name for candidate in candidates.values()}))
             raise UserError(
-                f'--between {effect}: no effect that could be missing from this model{suggestion(effect, candidates)}; '
+                f'between {effect}: no effect that could be missing from this model{suggestion(effect, candidates)}; '
                 f'expected {NO_EFFECT}, or some of {known}, joined by + where they act together'
             )
     context.on_progress(f'fitting {", ".join(names)}')
@@ -138,7 +138,7 @@ def fit_with_effects(base: FitResult, effects: Sequence[str], context: SearchCon
             break
         candidates = candidates_by_name(found.fit, context)
         if name not in candidates:
-            raise UserError(f'--between: {name} twice in one explanation')
+            raise UserError(f'between: {name} twice in one explanation')
         catalogue = catalogue_for(found.fit, context)
         component = catalogue.component(screen_candidate(found.fit, candidates[name], context))
         models = extended(found, [component], context)

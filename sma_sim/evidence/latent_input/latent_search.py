@@ -22,7 +22,7 @@ from sma_sim.evidence.estimation.injection_points import Port, ports_of
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize, refit
 from sma_sim.evidence.estimation.motion_before import begin_in_motion
 from sma_sim.evidence.estimation.overdispersion import overdispersion
-from sma_sim.evidence.estimation.prepared_fit import check_data, check_kinetics, prepare
+from sma_sim.evidence.estimation.prepared_fit import agreed_kinetics, check_data, prepare
 from sma_sim.evidence.estimation.problem import Problem, residuals_at, start_point
 from sma_sim.evidence.estimation.search_context import OnProgress, SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS, TEMPERED
@@ -95,7 +95,7 @@ class LatentRequest:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        check_kinetics(self.kinetics)
+        object.__setattr__(self, 'kinetics', agreed_kinetics(self.kinetics, self.options.kinetics))
 
 
 @checked

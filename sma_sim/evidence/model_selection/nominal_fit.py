@@ -8,7 +8,7 @@ from pathlib import Path
 from sma_sim.evidence.estimation.calibrate import FitOptions, multistart_search
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.log_evidence import more_probable
-from sma_sim.evidence.estimation.prepared_fit import PreparedFit, check_kinetics
+from sma_sim.evidence.estimation.prepared_fit import PreparedFit, agreed_kinetics
 from sma_sim.evidence.estimation.search_context import OnModel, SearchContext, silent_model
 from sma_sim.evidence.estimation.stop_criteria import NOMINAL_MODEL
 from sma_sim.evidence.model_selection.candidates import with_effect
@@ -55,7 +55,7 @@ class DiagnosisRequest:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        check_kinetics(self.kinetics)
+        object.__setattr__(self, 'kinetics', agreed_kinetics(self.kinetics, self.options.kinetics))
         object.__setattr__(self, 'folders', tuple(as_folders('folders', self.folders)))
 
 

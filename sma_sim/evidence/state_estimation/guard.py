@@ -69,14 +69,17 @@ class Counters:
     interventions: Counter[str] = field(default_factory=Counter)
     cycles: list[float] = field(default_factory=list)
 
-    def save(self, path: Path) -> None:
+    def save(self, path: str | Path) -> None:
         """Write a JSON file, whole or not at all. Raises UserError."""
         data = {'interventions': dict(self.interventions), 'cycles': self.cycles}
-        write_whole(path, lambda file: file.write(json.dumps(data, indent=2) + '\n'))
+        expect('path', path, str | Path)
+        write_whole(Path(path), lambda file: file.write(json.dumps(data, indent=2) + '\n'))
 
     @staticmethod
-    def read(path: Path, wires: int) -> Counters:
+    def read(path: str | Path, wires: int) -> Counters:
         """What a file says, nothing where there is none. Raises UserError for one that says something else."""
+        expect('path', path, str | Path)
+        path = Path(path)
         if not path.exists():
             return Counters(cycles=[0.0] * wires)
         try:
@@ -163,13 +166,17 @@ class Guard:
         Raises
         ------
         UserError
-            For another number of commands than the structure has.
+            For another number of commands or wires than the structure has.
         """
         expect('estimate', estimate, Estimate | None)
         expect('time', time, float)
         asked = np.atleast_1d(as_array('J_eq', J_eq, '[W]'))
         if asked.shape != (self._size,):
             raise UserError(f'J_eq = {J_eq}: expected {self._size} number(s) [W]')
+        if estimate is not None and estimate.T.shape != (self._wires,):
+            raise UserError(
+                f'estimate: it is of {len(estimate.T)} wire(s); expected one of {self._wires}, as this guard has'
+            )
         if estimate is not None and np.isfinite(estimate.x_M).all():
             self._count_cycles(estimate.x_M)
         scale, kind, reason = self._judged(asked, estimate, time)
