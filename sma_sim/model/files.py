@@ -20,9 +20,9 @@ def whole_file(path: Path) -> Iterator[Path]:
     """
     try:
         is_file = path.is_file() or not path.exists()
+        target = Path(os.path.realpath(path)) if is_file else path
     except (OSError, ValueError) as error:  # too long a name, or a character that none may have
         raise UserError(f'cannot write {str(path)!r}: {getattr(error, "strerror", None) or error}') from error
-    target = Path(os.path.realpath(path)) if is_file else path
     temporary = target.with_name(f'.{target.stem}.{os.getpid()}.part{target.suffix}') if is_file else target
     try:
         yield temporary

@@ -53,6 +53,7 @@ def above(limit: float, expected: str, looks_like: str, conversion: str) -> Call
 angle_mismatch = above(REACH['rad'], 'radians up to pi', 'degrees', 'scale: 0.017453292519943295')
 displacement_mismatch = above(REACH['m'], 'metres, less than 0.5', 'millimetres', 'scale: 0.001')
 strain_mismatch = above(0.5, 'a fraction such as 0.05', 'percent', 'scale: 0.01')
+force_mismatch = above(1e4, 'newtons, at most 10000', 'millinewtons', 'scale: 0.001')
 power_mismatch = above(2e3, 'watts, at most 2000', 'milliwatts', 'scale: 0.001')
 
 
@@ -143,6 +144,7 @@ SIGNED_POWER = 'J_eq'  # what the names of commands of antagonistic pairs begin 
 BY_SUFFIX = {
     '_m': displacement_mismatch,
     '_rad': angle_mismatch,
+    '_N': force_mismatch,
     '_K': temperature_mismatch,
     '_W': heating_mismatch,
     '_ohm': resistance_mismatch,

@@ -166,6 +166,11 @@ def check_columns(structure: Structure, source: Input) -> None:
     expected, given = structure.input_columns, source.columns
     heats_one = not source.names and expected == ('J_W', 'T_E_K') and (source.values[:, 0] >= 0.0).all()  # as J_eq does
     if given != expected and not (heats_one and given == INPUT_NAMES[2]):
+        if not source.names and expected == ('J_W', 'T_E_K'):
+            raise UserError(
+                f'the input has a command of {source.values[:, 0].min():g} W; system {structure.family!r} takes J_W, T_E_K, '
+                'which only heat: expected 0 or more'
+            )
         makers = {INPUT_NAMES[2]: 'sma_sim.module_input(...)', INPUT_NAMES[3]: 'sma_sim.wire_input(...)'}
         how = makers.get(expected, f'sma_sim.Input(times, values, linear, names={expected!r})')
         raise UserError(
@@ -264,7 +269,9 @@ def requested_times(source: Input, samples: Vector | Sequence[float] | float) ->
         raise UserError(f'sample_times: expected a rate [1/s] or times (k,) [s], got {samples!r}')
     if fault := fault_of_times(times):
         raise UserError(f'sample_times: expected a rate [1/s] or times (k,) [s] that increase, got {fault}')
-    if len(times) and not first <= times[0] <= times[-1] <= last:
+    if not len(times):
+        raise UserError('sample_times: expected a rate [1/s] or times (k,) [s], got none')
+    if not first <= times[0] <= times[-1] <= last:
         raise UserError(
             f'sample_times from {times[0]:g} to {times[-1]:g} s: expected times of the input, {first:g} to {last:g} s'
         )

@@ -92,9 +92,17 @@ def test_a_run_as_a_figure(run):
 
 def test_a_fit_says_which_values_ended_at_a_limit(dataset):
     found = sma_sim.calibrate(dataset, Config(), replace(QUICK, intervals=False, limits={'beam.E': (2.5e9, 3e9)}))
-    assert 'beam.E' in found.at_bound and 'at a limit: beam.E' in repr(found)
+    assert 'beam.E' in found.at_bound and 'at a limit beam.E' in repr(found)
     assert 'at a limit: beam.E = 2.5e+09 Pa ended at a limit of the fit (2.5e+09 to 3e+09)' in found.summary()
     assert 'FitOptions(limits=...)' in found.summary()
+
+
+def test_a_noise_below_that_of_the_solver_is_said(dataset):
+    with pytest.warns(
+        sma_sim.PhysicsWarning, match='noise_std of alpha = 1e-09 is less than the error of the solver'
+    ) as said:
+        sma_sim.calibrate(replace(dataset, noise_std={'alpha': 1e-9}), Config(), replace(QUICK, free=(), intervals=False))
+    assert said[0].filename == __file__
 
 
 def test_a_rate_may_be_any_number():
@@ -649,12 +657,22 @@ SHAPES = {
     'executor that is shut down': (lambda: sma_sim.calibrate(one(), Config(), QUICK, shut_down()), 'executor: cannot'),
     'name that no file has': (lambda: a_run().save('a\0.npz'), "cannot write 'a\\x00.npz'"),
     'name that is too long': (lambda: a_run().save('a' * 300 + '.npz'), 'File name too long'),
-    'keyword of a configuration': (lambda: Config(kinetic='mas'), "Config: no argument 'kinetic'; did you mean kinetics?"),
+    'keyword of a configuration': (lambda: Config(kinetic='mas'), "Config: no argument 'kinetic'; did you mean kinetics"),
     'keyword of a function': (lambda: sma_sim.calibrate(one(), Config(), option=QUICK), 'did you mean options?'),
-    'keyword of a request': (lambda: sma_sim.DiagnosisRequest(free='beam.E'), "no argument 'free'; it takes kinetics"),
+    'keyword of a request': (lambda: sma_sim.DiagnosisRequest(free='beam.E'), "DiagnosisRequest: no argument 'free'"),
     'keyword of a model': (lambda: Model(kinetics='mas'), "Model: no argument 'kinetics'; it takes config"),
     'limits in gigapascal': (lambda: limited({'beam.E': (1.0, 4.0)}), 'limit of beam.E, 1 to 4 Pa: expected some of'),
     'limits of no delay': (lambda: limited({'delay': (20.0, 50.0)}), '20 to 50 s: no recording is longer than 12 s'),
+    'negative zero': (lambda: recorded(zero_std={'alpha': -1.0}), 'deviations (SI), 0 or more; got -1.0 for alpha'),
+    'recording without a name': (lambda: replace(recorded(), name=''), "recording: expected a name, such as 'run1', got ''"),
+    'resolution of another system': (lambda: replace(one(), resolution={'stress': 1.0}), "no channel 'stress'"),
+    'floor above the noise': (lambda: replace(one(), floor={'alpha': 1.0}), 'expected a part of its noise_std, 0.001 or'),
+    'no times': (lambda: simulate(Model(), COMMAND, []), 'expected a rate [1/s] or times (k,) [s], got none'),
+    'cooling of one wire': (lambda: simulate(slider(), COMMAND, 1.0), 'a command of -6 W'),
+    'millinewton': (
+        lambda: sma_sim.predict(Config(), recorded(channels={'F_1': np.linspace(0.0, 13e3, 13)})),
+        'channel F_1: expected newtons, at most 10000, got 13000',
+    ),
 }
 MM = sma_sim.Coordinate('x', 'mm', 1.0)
 

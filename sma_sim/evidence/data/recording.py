@@ -71,6 +71,7 @@ class ColumnsOfChannels(Mapping[str, str]):
 # Columns of the file contract that every recording has, by system.
 NEEDED_COLUMNS = OfSystems(lambda structure: ('time_s', *structure.needed_columns))
 CHANNEL_COLUMNS = ColumnsOfChannels()
+ROUNDING = 1e-9  # relative: a floor that was computed may be all of the noise
 GAIN = 'power'  # among the parameters of a recording: by how much more power its driver gives than is written
 STD_SUFFIX = ' std'  # of the column with the noise of each row, while a file is read
 HIDDEN_COLUMN = re.compile(r'(x_M|mode)(_\d+)?')  # no sensor shows them: not compared
@@ -170,6 +171,8 @@ class Recording(Shown, Saved, Comparable):
 
     def __post_init__(self) -> None:
         check_fields(self)
+        if not self.name:
+            raise UserError("recording: expected a name, such as 'run1', got ''")
         if self.system not in known_structures():
             hint = suggestion(self.system, known_structures())
             raise UserError(
@@ -204,11 +207,13 @@ class Recording(Shown, Saved, Comparable):
             ('varied', 'parameter', [*self.structure.default_values, GAIN]),
         ):
             for name, std in getattr(self, field_name).items():
-                if name not in names or not 0.0 <= std < inf:
+                of = f'recording {self.name}, {field_name}: expected standard deviations (SI)'
+                if name not in names:
                     raise UserError(
-                        f'recording {self.name}, {field_name}: expected standard deviations (SI) by {by}, of '
-                        f'{", ".join(names)}; got {std!r} for {name!r}{suggestion(name, names)}'
+                        f'{of} by {by}, of {", ".join(names)}; got {std!r} for {name!r}{suggestion(name, names)}'
                     )
+                if not 0.0 <= std < inf:
+                    raise UserError(f'{of}, 0 or more; got {std!r} for {name}')
         if not np.isfinite(self.known_changes).all():
             raise UserError(f'recording {self.name}, known_changes: expected times [s], got {self.known_changes}')
         for name, stds in self.sample_std.items():
@@ -321,7 +326,7 @@ class Dataset(Shown, Saved, Comparable):
             raise UserError(f'recordings: {doubled!r} is there twice; give each recording a name of its own')
         for field_name in ('noise_std', 'floor', 'resolution'):
             for name, std in getattr(self, field_name).items():
-                if name not in CHANNEL_COLUMNS:
+                if name not in (self.possible_channels if field_name != 'noise_std' else CHANNEL_COLUMNS):
                     known = sorted(self.channels)
                     raise UserError(
                         f'{field_name}: no channel {name!r}{suggestion(name, known)}; expected some of {", ".join(known)}'
@@ -330,6 +335,11 @@ class Dataset(Shown, Saved, Comparable):
                     raise UserError(
                         f'{field_name} of {name} = {std!r}: expected a standard deviation in SI units, 0 or more'
                     )
+        for name, std in self.floor.items():
+            if std > self.noise_std.get(name, std) * (1.0 + ROUNDING):
+                raise UserError(
+                    f'floor of {name} = {std:g}: expected a part of its noise_std, {self.noise_std[name]:g} or less'
+                )
         for effect, stds in self.nuisances.items():
             for name, std in stds.items():
                 if not 0.0 < std < inf:
@@ -339,6 +349,11 @@ class Dataset(Shown, Saved, Comparable):
     def system(self) -> str:
         """`module` or `wire`."""
         return self.recordings[0].system
+
+    @property
+    def possible_channels(self) -> set[str]:
+        """Names of the channels that its recordings may have; those of all systems where there is none."""
+        return {name for recording in self.recordings for name in recording.columns} or set(CHANNEL_COLUMNS)
 
     @property
     def benches(self) -> set[str]:

@@ -44,6 +44,7 @@ from sma_sim.evidence.set_up.check import faults_after_fit, faults_before_fits, 
 from sma_sim.evidence.set_up.faults import Fault, is_uncertain, without_faults
 from sma_sim.model.archive import Saved
 from sma_sim.model.argument_checks import checked
+from sma_sim.model.comparable import Comparable
 from sma_sim.model.config import Config
 from sma_sim.model.progress import progress_in_words
 from sma_sim.model.renamed import renamed
@@ -53,8 +54,8 @@ TINY = 0.001  # a probability beyond which only the bound is shown: nothing is c
 
 
 @renamed(taken_back='retracted')
-@dataclass(frozen=True, repr=False)
-class Diagnosis(Shown, Saved):
+@dataclass(frozen=True, eq=False, repr=False)
+class Diagnosis(Shown, Saved, Comparable):
     """What a diagnosis found.
 
     Attributes

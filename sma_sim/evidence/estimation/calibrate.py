@@ -7,6 +7,7 @@ the more probable one is taken (`sma_sim.evidence.estimation.log_evidence`).
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
@@ -48,7 +49,7 @@ from sma_sim.evidence.estimation.problem import (
     near_point,
     start_point,
 )
-from sma_sim.evidence.estimation.residuals import ZERO_STDS, FitData, fit_data, hidden_rtol, leeway_for
+from sma_sim.evidence.estimation.residuals import SOLVER_NOISE, ZERO_STDS, FitData, fit_data, hidden_rtol, leeway_for
 from sma_sim.evidence.estimation.run_estimates import Optimum, ParameterByRun, ReducedRun, estimates_by_run, reduced_run
 from sma_sim.evidence.estimation.run_subset import on_all_runs, run_subset
 from sma_sim.evidence.estimation.run_tangents import LOOSER, has_tangents
@@ -69,7 +70,7 @@ from sma_sim.model.archive import Saved
 from sma_sim.model.argument_checks import check_fields, checked, is_like
 from sma_sim.model.arrays import Vector
 from sma_sim.model.config import AUTO, Config
-from sma_sim.model.errors import UserError
+from sma_sim.model.errors import PhysicsWarning, UserError
 from sma_sim.model.likely_unit import unit_hint
 from sma_sim.model.materials import MATERIALS
 from sma_sim.model.nearest import suggestion
@@ -78,6 +79,7 @@ from sma_sim.model.parameters import Parameter
 from sma_sim.model.progress import progress_line
 from sma_sim.model.renamed import renamed
 from sma_sim.model.shown import Shown, listed, text_table
+from sma_sim.solver.effect_table import channel_scales
 from sma_sim.solver.simulate import SimulationError
 
 SEARCH_RTOL, FINAL_RTOL = 1e-5, 1e-6  # of the simulations of a search without tangents, and of the last fit
@@ -328,6 +330,7 @@ def calibrate(
     """
     options, t_start = options or FitOptions(), time.perf_counter()
     check_data(dataset, config)
+    warn_of_small_noise(dataset)
     start = prepare(dataset, config, options.kinetics, options.names)
     with executor_or_threads(executor) as pool, progress_line('fitting') as line:
         heard = progress or (lambda *step: line.show(iteration_words(*step)))
@@ -336,6 +339,16 @@ def calibrate(
         found = final_calibration(dataset, best, options, context)
     as_asked = found.config.variant({'solver.rtol': start.config.parameters['solver.rtol']})
     return replace(found, config=as_asked, kinetics=probabilities, seconds=time.perf_counter() - t_start)
+
+
+def warn_of_small_noise(dataset: Dataset) -> None:
+    """Warn, at the line of the caller, where the stated noise is less than the error of the runs, which is taken then."""
+    for structure in {recording.structure for recording in dataset.recordings}:
+        for name, size in zip(structure.channels, channel_scales(structure), strict=True):
+            least = SOLVER_NOISE * FINAL_RTOL * size
+            if name in dataset.channels and dataset.noise_std.get(name, least) < least:
+                words = f'noise_std of {name} = {dataset.noise_std[name]:g} is less than the error of the solver'
+                warnings.warn(f'{words}: {least:.2g} is added to it', PhysicsWarning, stacklevel=4)
 
 
 def fit_with_kinetics(
