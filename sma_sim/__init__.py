@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from sma_sim.evidence.data.recording import Dataset as Dataset
     from sma_sim.evidence.data.recording import Recording as Recording
     from sma_sim.evidence.data.recordings import read_dataset as read_dataset
+    from sma_sim.evidence.data.rosbag.commands import CommandLimits as CommandLimits
     from sma_sim.evidence.diagnosis.diagnose import Diagnosis as Diagnosis
     from sma_sim.evidence.diagnosis.diagnose import diagnose as diagnose
     from sma_sim.evidence.estimation.calibrate import Calibration as Calibration
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     from sma_sim.model.config import Config as Config
     from sma_sim.model.config import default_parameters as default_parameters
     from sma_sim.model.config import read_config as read_config
+    from sma_sim.model.effects.discovery import EffectError as EffectError
     from sma_sim.model.effects.discovery import find_effects as find_effects
     from sma_sim.model.effects.effect import EachBundle as EachBundle
     from sma_sim.model.effects.effect import Effect as Effect
@@ -47,15 +49,19 @@ if TYPE_CHECKING:
     from sma_sim.model.errors import PhysicsWarning as PhysicsWarning
     from sma_sim.model.errors import UserError as UserError
     from sma_sim.model.parameters import Parameter as Parameter
+    from sma_sim.model.structures.discovery import StructureError as StructureError
     from sma_sim.model.structures.discovery import find_structures as find_structures
     from sma_sim.model.structures.links import Drawing as Drawing
     from sma_sim.model.structures.structure import Coordinate as Coordinate
+    from sma_sim.model.structures.structure import Drive as Drive
+    from sma_sim.model.structures.structure import NamedEffect as NamedEffect
     from sma_sim.model.structures.structure import Structure as Structure
     from sma_sim.solver.beginning import Beginning as Beginning
     from sma_sim.solver.inputs import Input as Input
     from sma_sim.solver.inputs import module_input as module_input
     from sma_sim.solver.inputs import wire_input as wire_input
     from sma_sim.solver.model import Model as Model
+    from sma_sim.solver.simulate import SimulationError as SimulationError
     from sma_sim.solver.simulate import simulate as simulate
     from sma_sim.solver.trajectory import Trajectory as Trajectory
     from sma_sim.workflow.code_folders import write_config as write_config
@@ -64,6 +70,7 @@ __version__ = '0.1.0'
 _EXPORTS = {
     'challenge.files': ('write_challenge',),
     'challenge.make': ('Challenge', 'RecordingPlan', 'make_challenge'),
+    'evidence.data.rosbag.commands': ('CommandLimits',),
     'evidence.data.recording': ('Dataset', 'Recording'),
     'evidence.data.recordings': ('read_dataset',),
     'evidence.diagnosis.diagnose': ('Diagnosis', 'diagnose'),
@@ -80,16 +87,16 @@ _EXPORTS = {
     'model.archive': ('load',),
     'model.config': ('Config', 'default_parameters', 'read_config'),
     'model.effects.effect': ('EachBundle', 'Effect', 'EffectChoice'),
-    'model.effects.discovery': ('find_effects',),
+    'model.effects.discovery': ('EffectError', 'find_effects'),
     'model.errors': ('PhysicsWarning', 'UserError'),
     'model.parameters': ('Parameter',),
-    'model.structures.discovery': ('find_structures',),
+    'model.structures.discovery': ('StructureError', 'find_structures'),
     'model.structures.links': ('Drawing',),
-    'model.structures.structure': ('Coordinate', 'Structure'),
+    'model.structures.structure': ('Coordinate', 'Drive', 'NamedEffect', 'Structure'),
     'solver.beginning': ('Beginning',),
     'solver.inputs': ('Input', 'module_input', 'wire_input'),
     'solver.model': ('Model',),
-    'solver.simulate': ('simulate',),
+    'solver.simulate': ('SimulationError', 'simulate'),
     'solver.trajectory': ('Trajectory',),
     'workflow.code_folders': ('write_config',),
 }

@@ -67,7 +67,7 @@ def load(path: str | Path, effects: Iterable[Effect] = (), structures: Iterable[
 
     Returns
     -------
-    Trajectory, Calibration, Comparison, Diagnosis, LatentInputs, Plan or Challenge
+    Trajectory, Recording, Dataset, Calibration, Comparison, Diagnosis, LatentInputs, Plan or Challenge
         What was saved.
 
     Raises

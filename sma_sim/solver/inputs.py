@@ -269,9 +269,7 @@ def requested_times(source: Input, samples: Vector | Sequence[float] | float) ->
         raise UserError(f'sample_times: expected a rate [1/s] or times (k,) [s], got {samples!r}')
     if fault := fault_of_times(times):
         raise UserError(f'sample_times: expected a rate [1/s] or times (k,) [s] that increase, got {fault}')
-    if not len(times):
-        raise UserError('sample_times: expected a rate [1/s] or times (k,) [s], got none')
-    if not first <= times[0] <= times[-1] <= last:
+    if len(times) and not first <= times[0] <= times[-1] <= last:
         raise UserError(
             f'sample_times from {times[0]:g} to {times[-1]:g} s: expected times of the input, {first:g} to {last:g} s'
         )

@@ -33,7 +33,17 @@ def test_sections_describe_the_signature(name):
 
 def test_public_docstrings_have_sections():
     with_sections = [name for name in sma_sim.__all__ if re.search(r'\n-{4,}\n', inspect.getdoc(getattr(sma_sim, name)))]
-    assert set(sma_sim.__all__) - set(with_sections) == {'EffectChoice', 'PhysicsWarning', 'UserError'}
+    assert set(sma_sim.__all__) - set(with_sections) == {
+        'EffectChoice',
+        'EffectError',
+        'NamedEffect',
+        'PhysicsWarning',
+        'SimulationError',
+        'StructureError',
+        'UserError',
+        'CommandLimits',
+        'Drive',
+    }
 
 
 def test_every_public_name_is_in_the_reference():

@@ -77,6 +77,20 @@ def test_a_run_as_tables(run):
         assert (frame[name].to_numpy() == run[name]).all() and (data[name].to_numpy() == run[name]).all()
 
 
+def test_a_table_is_no_file():
+    pandas = pytest.importorskip('pandas')
+    with pytest.raises(UserError, match='expected files or folders, got a table; write it with to_csv'):
+        sma_sim.read_dataset(pandas.DataFrame({'J_eq_W': [1.0]}))
+
+
+def test_functions_without_a_module_are_kernels():
+    """As exec makes them in a namespace without a name."""
+    made = {}
+    exec('def kernel(s, w, p): return -p.k * (s.T - s.T_E)', {'__builtins__': {}}, made)
+    config = Config(effects=[replace(own_effect('fin'), kernel=made['kernel'])(k=2e-3)])
+    assert simulate(config, COMMAND, 1.0).completed and made['kernel'].__module__ == '__main__'
+
+
 def test_tables_say_what_to_install(run, monkeypatch):
     for package, make in (('pandas', run.to_dataframe), ('xarray', run.to_xarray)):
         monkeypatch.setitem(sys.modules, package, None)
@@ -149,6 +163,9 @@ def test_saved_results_are_the_same(fitted, dataset, tmp_path):
     assert found == fitted and found.config == fitted.config and found.summary() == fitted.summary()
     assert found.config.covariance == fitted.config.covariance is not None
     assert sma_sim.load(dataset.save(tmp_path / 'data.npz')) == dataset
+    request = sma_sim.DiagnosisRequest(options=replace(QUICK, intervals=False), equation=False, variants=False)
+    found = sma_sim.diagnose(dataset, Config(), request=request)
+    assert sma_sim.load(found.save(tmp_path / 'diagnosis.npz')) == found == copy.deepcopy(found)
     for config in (fitted.config, Config(effects=sma_sim.effects.natural_convection(scope='wire_1'))):
         compared = sma_sim.compare(dataset, config)
         assert sma_sim.load(compared.save(tmp_path / 'compared.npz')) == compared
@@ -667,7 +684,6 @@ SHAPES = {
     'recording without a name': (lambda: replace(recorded(), name=''), "recording: expected a name, such as 'run1', got ''"),
     'resolution of another system': (lambda: replace(one(), resolution={'stress': 1.0}), "no channel 'stress'"),
     'floor above the noise': (lambda: replace(one(), floor={'alpha': 1.0}), 'expected a part of its noise_std, 0.001 or'),
-    'no times': (lambda: simulate(Model(), COMMAND, []), 'expected a rate [1/s] or times (k,) [s], got none'),
     'cooling of one wire': (lambda: simulate(slider(), COMMAND, 1.0), 'a command of -6 W'),
     'millinewton': (
         lambda: sma_sim.predict(Config(), recorded(channels={'F_1': np.linspace(0.0, 13e3, 13)})),

@@ -19,6 +19,8 @@ class PredictiveController:
     coordinate is from the model, which the plan takes as lasting (an output disturbance: Pannocchia and Rawlings, AIChE J.
     49 (2003) 426).
 
+    The first one on a machine compiles the derivatives of the model, which takes some 20 s.
+
     Parameters
     ----------
     config : Config

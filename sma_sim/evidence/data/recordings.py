@@ -92,6 +92,10 @@ def read_dataset(
     >>> dataset.recordings[0].name, len(dataset.recordings[0].time), dataset.noise_std
     ('run1', 100, {'alpha': 0.00035})
     """
+    if hasattr(paths, 'to_csv'):  # a table of pandas, whose columns would be taken for files
+        raise UserError(
+            'paths: expected files or folders, got a table; write it with to_csv, or make a sma_sim.Recording of it'
+        )
     files_and_folders = [Path(paths)] if isinstance(paths, str | Path) else [Path(path) for path in paths]
     columns = column_map_for(system, None if mapping is None else Path(mapping))
     channels = tuple(dict.fromkeys((*known_structures()[system].channels, *CHANNELS)))
