@@ -14,7 +14,6 @@ from numbers import Real
 from typing import NamedTuple
 
 from sma_sim.model.materials import SPECIFIC_HEAT, usual_cooling, usual_range
-from sma_sim.model.other_units import si_unit
 
 PAPER = 'Mandolino, Ferrante and Rizzello, RA-L 2021, section IV'
 RESISTIVITY = 'usual NiTi actuator wires; law: Furst and Seelecke, J. Intell. Mater. Syst. Struct. 23 (2012) 1233'
@@ -83,8 +82,6 @@ def fault_of(parameter: Parameter) -> str:
         return f'parameter {name}: expected a number, got neutral {parameter.neutral!r}'
     if not (unit and isinstance(unit, str)):
         return f"parameter {name}: expected a unit, such as 'N/m' ('-' for none), got {unit!r}"
-    if si_unit(unit) != unit:
-        return f'parameter {name}: unit {unit!r}; expected an SI unit: {si_unit(unit)}'
     if parameter.quantity not in QUANTITIES:
         return f'parameter {name}: quantity {parameter.quantity!r}; expected one of {", ".join(filter(None, QUANTITIES))}'
     low, high = bounds

@@ -640,7 +640,6 @@ SHAPES = {
     'stage of no chain': (lambda: replace(own_effect('fin'), stage='foo'), "stage 'foo' on wire_heat; expected none"),
     'no wires': (lambda: replace(own_effect('fin'), wires=0), 'wires = 0; expected how many it needs, 1 or more'),
     'one system': (lambda: replace(own_effect('fin'), systems='module'), "systems: expected a list of text; got 'module'"),
-    'milliwatt': (lambda: own_effect('fin', unit='mW/K'), "parameter k: unit 'mW/K'; expected an SI unit: W/K"),
     'quantity of nothing': (lambda: own_effect('fin', quantity='foo'), "quantity 'foo'; expected one of force, rate"),
     'old and new name': (lambda: old_and_new(Config), "Config: model = 'mas', but kinetics = 'hybrid': leave model out"),
     'old and new name of a fit': (lambda: old_and_new(FitOptions), "FitOptions: model = 'mas', but kinetics = 'hybrid'"),

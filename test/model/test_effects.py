@@ -349,7 +349,7 @@ def test_driver_of_limited_rate_lags_without_a_limit():
     [
         ({'port': 'wire_heating'}, 'expected one of actuation, wire_heat'),
         ({'states': ('z',)}, 'states need a rate and one scale each'),
-        ({'states': ('z',), 'rate': len, 'scale': (0.0,)}, 'one scale each, above 0'),
+        ({'states': ('z',), 'rate': len, 'scale': (0.0,)}, 'usual changes of the states, more than 0'),
         ({'port': 'sensing'}, 'expected one of misalignment, gain'),
     ],
 )

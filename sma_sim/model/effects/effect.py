@@ -228,10 +228,8 @@ class Effect:
             return f'port {self.port!r}; expected one of {", ".join(PORT_NAMES)}'
         if self.tried not in TRIED:
             return f'tried {self.tried!r}; expected one of {", ".join(TRIED)}'
-        if self.states and (
-            self.rate is None or len(self.scale) != len(self.states) or not all(x > 0.0 for x in self.scale)
-        ):
-            return 'states need a rate and one scale each, above 0'
+        if self.states and (self.rate is None or len(self.scale) != len(self.states)):
+            return 'states need a rate and one scale each'
         for need in self.needs:
             if need not in NEEDS or self.port != 'structure_force':
                 return f'needs {need!r} on {self.port}; expected some of {", ".join(NEEDS)}, on structure_force only'
