@@ -169,6 +169,7 @@ def search(nominal: Sequence[FitResult], context: SearchContext, equations: bool
     exchange_at_ports(book, context)
     fit_rivals(book, context)
     settle(book, context)
+    fit_without(book, context)
     leave_out_copies(book, context)
     settle(book, context)
     return book
@@ -274,6 +275,17 @@ def settle(book: Book, context: SearchContext) -> None:
         if found is not None and model.fit.cost - found.fit.cost > WINDOW * k**2:
             context.on_progress(f'fitting what {words(found)} is made of from where it has led')
             book.add(without(found, one, context) for one in found.components if not one.is_difference)
+
+
+def fit_without(book: Book, context: SearchContext) -> None:
+    """Fit the models with one effect less than the best one from where it lies, where that may have little to say: they may
+    have been fitted only with other kinetics or from elsewhere."""
+    best, k = book.best, book.overdispersion
+    for one in best.of_robot:
+        rest = book.find(best.names - {one.name})
+        if (rest is None or best.score(k) - rest.score(k) < IMITATED) and not context.stop.is_set():
+            context.on_progress(f'fitting {words(best)} without {one.name}')
+            book.add([without(best, one, context)])
 
 
 def bare(book: Book) -> Model:
