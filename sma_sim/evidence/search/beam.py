@@ -278,8 +278,8 @@ def settle(book: Book, context: SearchContext) -> None:
 
 
 def fit_without(book: Book, context: SearchContext) -> None:
-    """Fit the models with one effect less than the best one from where it lies, where that may have little to say: they may
-    have been fitted only with other kinetics or from elsewhere."""
+    """Fit the models with one effect less than the best one from where it lies, where that effect explains little: else it may
+    be where their fits have ended that decides."""
     best, k = book.best, book.overdispersion
     for one in best.of_robot:
         rest = book.find(best.names - {one.name})
