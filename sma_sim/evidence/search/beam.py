@@ -278,7 +278,7 @@ def settle(book: Book, context: SearchContext) -> None:
 
 
 def fit_without(book: Book, context: SearchContext) -> None:
-    """Fit the models with one effect less than the best one from where it lies, where that effect explains little: else it may
+    """Fit the models with one effect less than the best one from where it lies, where that one explains little: else it may
     be where their fits have ended that decides."""
     best, k = book.best, book.overdispersion
     for one in best.of_robot:
