@@ -422,6 +422,18 @@ def test_what_was_sketched_counts_no_more_than_the_last_one_that_was_fitted():
     assert not_fitted(book.ranked(0)[0], book) == {'radiation': last.score(book.overdispersion)}
 
 
+def test_what_was_promised_beside_a_fit_that_has_come_down_since_counts_from_there():
+    """A nominal fit that left a valley 120 nats deeper had a probability of 0.005 beside what its score tests had promised."""
+    book = Book(CATALOGUE, False)
+    book.add([model((), 30.0)])
+    tested = (ScreeningResult(BY_NAME['radiation'], 60.0, {}, ((-60.0, 60.0, 3.0),)),)
+    scores = []
+    for cost in (15.0, 19.0):
+        book.extended[frozenset(), 'mas'] = Extension(cost, frozenset(), tested)
+        scores.append(not_fitted(book.ranked(0)[0], book)['radiation'])
+    assert scores[0] - scores[1] == pytest.approx(4.0 / book.overdispersion**2)
+
+
 def test_the_order_in_which_models_were_found_decides_nothing():
     """Of two fits of one model the better one stays, whichever came first."""
     expected = posterior(*MODELS)

@@ -69,7 +69,7 @@ class Diagnosis(Shown, Saved, Comparable):
         does not name.
     selection_steps : tuple of SelectionStep
         The candidates that were compared in each step, in order.
-    posterior : Posterior
+    posterior : sma_sim.evidence.search.posterior.Posterior
         The models that have weight, and with which probability each effect is there.
     held_out_ratio : mapping
         By effect of the first selection step, held-out error with over without.

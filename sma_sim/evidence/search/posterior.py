@@ -73,7 +73,8 @@ def posterior_of(book: Book) -> Posterior:
 
 def not_fitted(model: Model, book: Book) -> dict[str, float]:
     """By effect, the score of a model with it that was not fitted: to first order, with a strength that is as probable all
-    over its realistic range; of those that were sketched at most that of the last one which was fitted."""
+    over its realistic range; of those that were sketched at most that of the last one which was fitted. What tests promise
+    is beside the model where it lay then, from which its fit may have come down since."""
     known, k = book.extended.get(model.key), book.overdispersion
     if known is None:
         return {}
@@ -87,8 +88,9 @@ def not_fitted(model: Model, book: Book) -> dict[str, float]:
     bayes += 0.5 * log(2.0 * pi) - np.log(most)
     by_effect = np.split(bayes, np.cumsum([len(one.lines) for one in tested])[:-1])
     last = min((one.score(k) for one in book.beside(model) if one.components[-1].name in known.tried), default=inf)
+    tested_at = model.score(k) - max(0.0, known.cost - model.fit.cost) / k**2
     scores = dict[str, float]()
     for one, own in zip(tested, by_effect, strict=True):
-        score = model.score(k) + book.catalogue.log_prior(one.candidate) + log_mean(own.tolist())
+        score = tested_at + book.catalogue.log_prior(one.candidate) + log_mean(own.tolist())
         scores[one.candidate.name] = min(score, last) if one.candidate.name in known.tried else score
     return scores
