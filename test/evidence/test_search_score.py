@@ -423,7 +423,7 @@ def test_what_was_sketched_counts_no_more_than_the_last_one_that_was_fitted():
 
 
 def test_what_was_promised_beside_a_fit_that_has_come_down_since_counts_from_there():
-    """A nominal fit that left a valley 120 nats deeper had a probability of 0.005 beside what its score tests had promised."""
+    """A nominal fit that came down by 120 nats had a probability of 0.005 beside what its score tests had promised."""
     book = Book(CATALOGUE, False)
     book.add([model((), 30.0)])
     tested = (ScreeningResult(BY_NAME['radiation'], 60.0, {}, ((-60.0, 60.0, 3.0),)),)
