@@ -89,12 +89,16 @@ class Layout(NamedTuple):
     fields: Mapping[str, Any]
 
 
-@lru_cache(256)
-def layout(active: tuple[Effect, ...], structure: Structure, first_state: int, code: str) -> Layout:
-    """The layout of some effects, whose extra states begin at `first_state`; fits make models with other values only.
+def layout(effects: tuple[Effect, ...], structure: Structure, first_state: int) -> Layout:
+    """The layout of some effects, whose extra states begin at `first_state`."""
+    kernels = (kernel for one in effects if not one.files for kernel in (one.kernel, one.rate, one.start))
+    return _layout(effects, structure, first_state, code_of(*kernels))
 
-    `code`: that of kernels that no file holds, in which what they use may have changed.
-    """
+
+@lru_cache(256)
+def _layout(active: tuple[Effect, ...], structure: Structure, first_state: int, code: str) -> Layout:
+    """The same, made once: fits make models with other values only. `code`: that of kernels that no file holds, of which
+    what they use may have changed."""
     order = acting_order(active, structure)
     effects = [active[k] for k in order]
     ports = np.array([effect.order[0] for effect in effects], dtype=np.int64)
@@ -162,9 +166,7 @@ def effect_table(
 ) -> tuple[EffectTable, tuple[float, ...]]:
     """The table of the active effects and the scales of their extra states, which begin at `first_state`."""
     active = [as_on(one, on) for one in active]
-    effects = tuple(one.effect for one in active)
-    kernels = (kernel for one in effects if not one.files for kernel in (one.kernel, one.rate, one.start))
-    plan = layout(effects, on, first_state, code_of(*kernels))
+    plan = layout(tuple(one.effect for one in active), on, first_state)
     of_wire, of_structure = np.array(wire, dtype=float), np.array(constants, dtype=float)
     structural = [active[k].effect.port == PORT_NAMES[STRUCTURE_FORCE] for k in plan.order]
     coordinates = max(len(on.coordinates), len(POSE))  # most kernels take the state of these

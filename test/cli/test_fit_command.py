@@ -150,7 +150,7 @@ def test_a_wire_is_told_run_by_run(tmp_path, capsys):
     [
         (['{runs}', '--hold-out', 'run9'], r'--hold-out run9: no such file and no such recording.*run1, run2, run3'),
         (['{runs}', '--hold-out', 'run1', 'run2', 'run3'], r'that is all there is .*leave some to fit'),
-        (['{runs}', '--free', 'wire.lamda'], r'--free wire.lamda: .*did you mean wire.lambda'),
+        (['{runs}', '--free', 'wire.lamda'], r'free wire.lamda: .*did you mean wire.lambda'),
         (['{runs}', '--starts', '0'], r'starts = 0: expected a whole number, 1 or more'),
         (['{runs}', '--noise', 'alpha'], r'--noise alpha: expected CHANNEL=STD'),
         (['{runs}', '--noise', 'alpha=small'], r'--noise alpha=small: expected CHANNEL=STD'),

@@ -164,7 +164,7 @@ def test_recordings_of_which_only_one_has_unknowns_of_a_kind():
 def test_only_parameters_of_the_robot_may_vary():
     assert replace(recorded(0), varied={'wire.l0': 0.01, GAIN: 0.0}).varied[GAIN] == 0.0
     for name, std in (('wire.l_0', 0.01), (GAIN, -0.1), (GAIN, np.inf), ('beam.E', np.nan)):
-        with pytest.raises(sma_sim.UserError, match=f'recording run1, varied: .* for {name!r}'):
+        with pytest.raises(sma_sim.UserError, match=f'recording run1, varied: .* for .?{name}'):
             replace(recorded(0), varied={name: std})
 
 

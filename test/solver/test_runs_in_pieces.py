@@ -49,7 +49,16 @@ def test_a_run_of_many_rows_ends_where_it_cannot_go_on():
     assert len(parts) == 3 and parts[-1] == 1.0 and sorted(parts) == parts
 
 
-@pytest.mark.parametrize('times', [[0.0, 1.0, 1.0], [2.0, 1.0], [-0.1, 1.0], [0.0, 4.1], [[0.0, 1.0]]])
-def test_samples_must_increase_within_the_input(times):
-    with pytest.raises(UserError, match='sample times must increase from 0 s at the earliest to 4 s at the latest'):
+@pytest.mark.parametrize(
+    ('times', 'words'),
+    [
+        ([0.0, 1.0, 1.0], 'that increase, got 1 s and then 1 s'),
+        ([2.0, 1.0], 'that increase, got 2 s and then 1 s'),
+        ([-0.1, 1.0], 'from -0.1 to 1 s: expected times of the input, 0 to 4 s'),
+        ([0.0, 4.1], 'from 0 to 4.1 s: expected times of the input, 0 to 4 s'),
+        ([[0.0, 1.0]], r'times \(k,\) \[s\] that increase, got an array of shape \(1, 2\)'),
+    ],
+)
+def test_samples_must_increase_within_the_input(times, words):
+    with pytest.raises(UserError, match=f'sample_times.*{words}'):
         requested_times(module_input([0.0, 4.0], [1.0, 1.0]), np.array(times))
