@@ -284,7 +284,7 @@ def test_mistakes_that_need_the_fit(rivals):
         named_rivals(plan.hypotheses[1].fitted, ('gravitation', 'sensor_bias'), SearchContext(pool, Event()))
     with pytest.raises(UserError, match='beam.E'):
         parameter_combinations(plan.hypotheses[0], DesignRequest((), ('beam.X',), **SHORT))
-    with pytest.raises(UserError, match='--max-temperature'):
+    with pytest.raises(UserError, match='allow a higher temperature'):
         designed(rivals, DesignRequest(BETWEEN, temperature=290.0, **(SHORT | {'length': 4.0, 'budget': 4})))
     with pytest.raises(UserError, match='wire'):
         next_experiment(runs, config(system='wire'), DesignRequest(**SHORT))
