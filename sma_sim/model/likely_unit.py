@@ -3,13 +3,31 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping
 from itertools import product
 
-from sma_sim.model.other_units import OTHER_UNITS, PART
 from sma_sim.model.parameters import ENVIRONMENT_PARAMETERS, ZERO_CELSIUS, Parameter
 
+OTHER_UNITS: Mapping[str, Mapping[str, float]] = {  # what data sheets and drawings have, by SI unit
+    'm': {'cm': 1e-2, 'mm': 1e-3, 'um': 1e-6, 'nm': 1e-9},
+    'kg': {'g': 1e-3},
+    's': {'ms': 1e-3, 'us': 1e-6},
+    'N': {'kN': 1e3, 'mN': 1e-3},
+    'Pa': {'kPa': 1e3, 'MPa': 1e6, 'GPa': 1e9},
+    'J': {'kJ': 1e3, 'mJ': 1e-3},
+    'W': {'kW': 1e3, 'mW': 1e-3},
+    'ohm': {'mohm': 1e-3, 'uohm': 1e-6},
+    'rad': {'deg': math.pi / 180.0, 'mrad': 1e-3},
+}
+PART = re.compile(r'([A-Za-z]+)(?:\^([\d.]+))?')  # of a unit: a symbol and its power
 SEVERAL_AT_ONCE = 2  # symbols that differ from SI, as in g/cm^3
+
+
+def si_unit(unit: str) -> str:
+    """A unit with SI units in place of others; itself where all of it is SI."""
+    meant = {other: si for si, others in OTHER_UNITS.items() for other in others}
+    return PART.sub(lambda part: part[0].replace(part[1], meant.get(part[1], part[1]), 1), unit)
 
 
 def written_otherwise(unit: str) -> Iterator[tuple[int, str, float]]:

@@ -10,7 +10,7 @@ from pathlib import Path
 import sma_sim.model.structures as package
 from sma_sim.model.argument_checks import as_folders, checked
 from sma_sim.model.errors import UserError
-from sma_sim.model.other_units import si_unit
+from sma_sim.model.likely_unit import si_unit
 from sma_sim.model.plugins import package_plugins, user_plugins
 from sma_sim.model.structures.checks import fault_of
 from sma_sim.model.structures.structure import Structure
