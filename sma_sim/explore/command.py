@@ -25,8 +25,8 @@ KINDS = ('steps', 'sine', 'file')
 SINE_POINTS = 64  # per period
 MAX_ROWS, LONGEST, MAX_TEXT = 20_000, 1e6, 20_000_000  # rows, [s], characters of a file
 WARMING = 60.0  # [K] by which the first command heats a wire in the end
-# From and to, of a first command.
-DRIVEN = {'strain': (0.0, 0.06), 'stress_Pa': (20e6, 200e6), 'crosshead_m': (-0.05, 0.04), 'T_K': (298.0, 398.0)}
+# From and to, of a first command: from hardly strained to strained, which is downwards for a coil; hot wires last.
+DRIVEN = {'strain': (0.0, 0.06), 'stress_Pa': (20e6, 200e6), 'crosshead_m': (0.04, -0.05), 'T_K': (298.0, 398.0)}
 FALLBACK_DRIVE = (0.0, 1.0)
 WIRE_NUMBER = re.compile(r'_\d+(?=_)')
 
@@ -90,7 +90,7 @@ def first_command(config: Config) -> Command:
         rows.append(tuple(row))
     sine = columns[len(drives) - 1 if drives else 0]
     low, high = driven_range(sine) if drives else ((-power if structure.antagonistic else 0.0), power)
-    return Command('steps', times[-1], tuple(rows), sine, 0.5 * (low + high), 0.5 * (high - low), 40.0)
+    return Command('steps', times[-1], tuple(rows), sine, 0.5 * (low + high), 0.5 * abs(high - low), 40.0)
 
 
 def driven_range(column: str) -> tuple[float, float]:

@@ -63,6 +63,8 @@ def test_every_structure_has_controls_and_a_command_that_moves_it(system):
     source = input_of(first, config)
     assert source.names == structure.input_columns and np.ptp(source.values, axis=0).max() > 0.0
     assert command_from(json.loads(json.dumps(first.as_data())), structure) == first
+    run = run_of(config, first).columns
+    assert max(np.ptp(run[name]) for name in run if name.startswith('x_M')) > 0.1, 'no wire transforms'
     controls = controls_of(config, find_effects())
     for group in [*controls['groups'], *controls['effects']]:
         for one in group['parameters']:
