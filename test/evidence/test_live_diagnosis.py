@@ -106,6 +106,7 @@ def test_what_begins_is_named_with_its_instant_and_size(name, amounts):
         full = next(one for one in config if one.endswith(parameter))
         assert best.values[full] == pytest.approx(config[full], rel=0.2)
     data = json.loads(json.dumps(found.as_data()))
+    assert data['causes'][0]['is_listed'] == (name not in ('T_E', 'lost_wires'))
     assert data['changed'] and sum(data['probabilities'].values()) == pytest.approx(1.0)
     assert 'changed since about' in str(found)
 

@@ -36,7 +36,7 @@ from typing import Any
 import numpy as np
 from scipy.special import expit
 
-from sma_sim.evidence.monitoring.causes import ROOM, Cause, one_way_each
+from sma_sim.evidence.monitoring.causes import LOST_WIRES, ROOM, Cause, one_way_each
 from sma_sim.evidence.monitoring.deciding_command import ChangedModel, DecidingCommand, deciding_command
 from sma_sim.evidence.monitoring.live_criteria import (
     AMOUNT,
@@ -79,12 +79,16 @@ NOTHING, NOT_LISTED = 'nothing', 'not listed'
 
 @dataclass(frozen=True)
 class CauseFinding:
-    """A cause with its probability, and `values` of the parameters by full name at which it explains most (SI)."""
+    """A cause with its probability, and `values` of the parameters by full name at which it explains most (SI).
+
+    `is_listed`: whether it is an effect or a parameter that a configuration can have.
+    """
 
     name: str
     words: str
     probability: float
     values: Mapping[str, float] = field(default_factory=dict)
+    is_listed: bool = False
 
 
 @dataclass(frozen=True)
@@ -437,7 +441,8 @@ class LiveDiagnosis:
         """A cause, nothing, or what is not listed, with its probability."""
         if one is None:
             return CauseFinding(name, 'nothing' if name == NOTHING else 'something that is not listed', probability)
-        return CauseFinding(name, one.cause.words, probability, one.cause.values(self._config, one.by_parameter))
+        values = one.cause.values(self._config, one.by_parameter)
+        return CauseFinding(name, one.cause.words, probability, values, bool(values) and name != LOST_WIRES.name)
 
     def _probe(self, cause: Cause, name: str, step: float) -> Model:
         """The model with a cause at one step; kept, since every evaluation needs it."""
