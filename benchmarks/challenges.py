@@ -20,8 +20,8 @@ from cases import add_options, drawn, held_out, solved
 from sma_sim.challenge.make import make_challenge
 from sma_sim.challenge.truth import truths
 from sma_sim.evidence.diagnosis.diagnose import diagnose
-from sma_sim.evidence.model_selection.criteria import fits_all
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
+from sma_sim.evidence.search.posterior import EVEN
 from sma_sim.words.diagnosis_data import as_data
 
 DETECTABLE = 1.3  # held-out normalized RMSE of the best fit without the effect
@@ -87,7 +87,7 @@ def is_detectable(one: dict[str, Any]) -> bool:
     """Whether the best fit without effects misses the held-out run, and does so even when it is fitted to that run too."""
     together = one.get('together')
     left = max(together['train'], together['held_out']) if together else DETECTABLE
-    reconciled = not one['effects'] and left <= fits_all(DETECTABLE)
+    reconciled = not one['effects'] and left <= DETECTABLE and not (together and together['unlisted'] > EVEN)
     return one['bare'] > DETECTABLE and not reconciled
 
 

@@ -36,12 +36,12 @@ from sma_sim.evidence.estimation.recording_differences import AMBIENT, Recording
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS
 from sma_sim.evidence.estimation.uncertainty import AmbientDifference, known_ambient
-from sma_sim.evidence.model_selection.criteria import ADEQUATE_PART, NOISE_ONLY, UNEXPLAINED, fits_all
+from sma_sim.evidence.model_selection.criteria import ADEQUATE_PART, UNEXPLAINED
 from sma_sim.evidence.search.beam import Book
 from sma_sim.evidence.search.equations import has_terms
 from sma_sim.evidence.search.posterior import EVEN, Posterior
 from sma_sim.evidence.search.refine import TIE
-from sma_sim.evidence.search.score import evidence_at, evidence_of
+from sma_sim.evidence.search.score import evidence_at, evidence_of, unlisted_probability
 from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.solver.simulate import SimulationError
@@ -81,7 +81,7 @@ def conclusion(
     stages = [provisional_stage(data, 'added' if k else 'nominal', one, context) for k, one in enumerate(fits)]
     known = data.under(last, context)
     stages.append(final_stage(known, 'formula' if is_formula else 'added' if stages else 'nominal', last, context))
-    fitted_explained = stages[-1].train <= max(NOISE_ONLY, fits_all(data.limit))
+    fitted_explained = stages[-1].train <= data.limit and not is_unlisted(posterior.unlisted, data.limit)
     if fitted_explained and stages[-1].held_out > data.limit:
         together = pooled_refit(known, last, stages[-1].predicted, context)
     pooled = None if together is None else together[1]
@@ -164,8 +164,13 @@ def verdict_of(last: ModelStage, pooled: PooledErrors | None, posterior: Posteri
     """
     error = last.train if isnan(last.held_out) else last.held_out
     explained = error <= limit or (pooled is not None and pooled.explained(limit))
-    lacks_unlisted = limit <= UNEXPLAINED and posterior.unlisted > EVEN
+    lacks_unlisted = is_unlisted(posterior.unlisted, limit)
     return verdict_from(explained and not has_terms(posterior.best), last.effects, lacks_unlisted)
+
+
+def is_unlisted(probability: float, limit: float) -> bool:
+    """Whether something that no list has is probably missing; not of a test that no model follows to its noise."""
+    return limit <= UNEXPLAINED and probability > EVEN
 
 
 def verdict_from(is_explained: bool, effects: Sequence[str], lacks_unlisted: bool) -> str:
@@ -384,7 +389,8 @@ def as_fitted(fit: FitResult, context: SearchContext) -> FitResult:
 
 @dataclass(frozen=True)
 class PooledErrors:
-    """Errors over noise of the training and the held-out runs when one model is fitted to all of them.
+    """Normalized RMSE of the training and the held-out runs when one model is fitted to all of them, and how probable it is
+    that something which no list has is left in them (`unlisted`).
 
     A held-out run that goes further than the fitted ones needs parameters that these hardly tell: its error is large, and
     nothing is missing. Then one set of parameters explains all, with an ambient temperature for each run where nobody
@@ -400,10 +406,11 @@ class PooledErrors:
     ambient: Mapping[str, float] = field(default_factory=dict)
     above_first: Mapping[str, AmbientDifference] = field(default_factory=dict)
     in_own_rooms: tuple[float, ...] = ()
+    unlisted: float = 0.0
 
     def explained(self, limit: float = UNEXPLAINED) -> bool:
         """Whether nothing is left in either; `limit`: the error above which something is missing."""
-        return max(self.train, self.held_out) <= fits_all(limit)
+        return max(self.train, self.held_out) <= limit and not is_unlisted(self.unlisted, limit)
 
 
 def pooled_refit(
@@ -456,4 +463,5 @@ def errors_of(fit: FitResult, training: Dataset, context: SearchContext) -> Pool
     count = len(training.recordings)
     ambient = {run.name: run.ambient for run in fits if run.ambient_std > 0.0}
     known = known_ambient(fit.problem, fit.z, context.pool) if ambient else {}
-    return PooledErrors(pooled_error(fits[:count])[0], pooled_error(fits[count:])[0], ambient, known)
+    left = unlisted_probability(evidence_of(fit, 0.0, context))
+    return PooledErrors(pooled_error(fits[:count])[0], pooled_error(fits[count:])[0], ambient, known, unlisted=left)

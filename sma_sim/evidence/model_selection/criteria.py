@@ -3,15 +3,9 @@
 from __future__ import annotations
 
 NOISE_ONLY = 1.1  # of fitted runs, below which nothing more is looked for in them: noise is known to some per cent only
-POOLED_NOISE_ONLY = 1.05  # of runs fitted together by one model: with some hundred samples more is no chance, but small
 UNEXPLAINED = 1.3
 """Above it something is missing that no accepted effect explains: parameters that few runs tell, and noise that was
 estimated, can raise the error of a right model up to there."""
 ADEQUATE_PART = 0.05
 """Of what strain spans in a quasi-static test: a model of one homogeneous wire predicts it to within that, since specimens
 have gradients of temperature and texture that no such model has."""
-
-
-def fits_all(limit: float) -> float:
-    """The error of runs fitted together below which one model explains them, where something is missing above a `limit`."""
-    return POOLED_NOISE_ONLY if limit <= UNEXPLAINED else limit

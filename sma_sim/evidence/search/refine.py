@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from math import exp, inf
+from math import inf
 
 import numpy as np
 
@@ -33,14 +33,13 @@ from sma_sim.evidence.model_selection.model_changes import with_other_kinetics, 
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.evidence.model_selection.sketches import at_prior_means, may_reach, sketched
 from sma_sim.evidence.search.components import Component, log_prior_of
-from sma_sim.evidence.search.score import SPARSITY, UNLISTED, Evidence, evidence_of
+from sma_sim.evidence.search.score import Evidence, evidence_of, unlisted_probability
 from sma_sim.model.arrays import Vector
 from sma_sim.solver.simulate import SimulationError
 
 SKETCHED, REFITTED, RESTARTED = 12, 5, 3  # proposals that are sketched, refitted, and fitted from further starts
 SAME_VALLEY = 2.0  # costs that differ by less belong to one optimum
 Start = tuple[Component, Problem, Vector, float]  # from a point, and the cost that a sketch has led to
-MAX_LOG_ODDS = 700.0  # of which exp is still a number
 WINDOW = 10.0  # nats behind the best beyond which a model has no weight (Occam's window; Madigan and Raftery 1994)
 TIE = 5.0  # nats within which two models are said to be tied: the odds are below 150 to 1
 
@@ -80,8 +79,7 @@ class Model:
     @property
     def unlisted(self) -> float:
         """The probability that something which no list has is left beside it."""
-        odds = self.evidence.unlisted - SPARSITY - UNLISTED
-        return 1.0 / (1.0 + exp(float(np.clip(-odds, -MAX_LOG_ODDS, MAX_LOG_ODDS))))
+        return unlisted_probability(self.evidence)
 
     @property
     def lacks_unlisted(self) -> bool:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
-from math import inf, log, log1p, pi
+from math import exp, inf, log, log1p, pi
 
 import numpy as np
 from scipy.fft import dct
@@ -35,6 +35,7 @@ from sma_sim.evidence.estimation.problem import (
     linearize,
     normal_equations,
 )
+from sma_sim.evidence.estimation.residuals import FitData
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.search.bounded_integral import log_bounded_integral
 from sma_sim.model.arrays import Mask, Matrix, Vector
@@ -47,9 +48,13 @@ UNLISTED = 2.0
 """Further nats against what no list has: of what has been found missing in such robots, most is known by name."""
 TAIL = 0.1  # of a realistic range: literature is not sharper, and robots differ
 EVEN_PRECISION = 1e-6  # of a normal prior that stands for an even one: its bounds are a thousandth of its width apart
+MAX_LOG_ODDS = 700.0  # of which exp is still a number
 ROUNDING = 1e-6  # of squares, by which what derivatives promise of them is wrong at most
 AMPLITUDES = np.geomspace(0.1, 1000.0, 17)  # of an unlisted function, in units of the noise
 PERIODS = (2.0, 5.0, 12.0, 30.0, 80.0)  # parts of the length of a run after which it has changed
+MEMORIES, MORE_NOISE = (0.125, 0.25, 0.5), (0.3, 0.6, 1.0)
+"""Of correlated noise, memories in parts of the means over rests that tell of it, and standard deviations in units of the
+noise: of memories of 3 to 12 samples a mean of 40 left 0.8 to 0.3 of the spectrum at low frequencies."""
 
 
 @dataclass(frozen=True)
@@ -167,6 +172,12 @@ def evidence_at(problem: Problem, z: Vector, linear: Sequence[LinearizedRun], lo
     )  # fmt: skip
 
 
+def unlisted_probability(evidence: Evidence) -> float:
+    """The probability that something which no list has is left beside a model."""
+    odds = evidence.unlisted - SPARSITY - UNLISTED
+    return 1.0 / (1.0 + exp(float(np.clip(-odds, -MAX_LOG_ODDS, MAX_LOG_ODDS))))
+
+
 def probabilities(evidences: Sequence[Evidence]) -> list[float]:
     """Of several models of the same recordings, under the overdispersion of the one that leaves least."""
     k = min(evidence.overdispersion for evidence in evidences)
@@ -207,26 +218,38 @@ def profiled_information(problem: Problem) -> tuple[Vector, ...]:
     )
 
 
-def spectra_of_noise(problem: Problem, residuals: Sequence[Matrix]) -> list[list[Vector | float]]:
-    """By run and channel, the variances of the cosine coefficients of its noise; 1 of white noise."""
+def spectra_of_noise(problem: Problem, residuals: Sequence[Matrix]) -> list[list[Matrix]]:
+    """By run and channel, the variances of the cosine coefficients of noise: (alternatives, k), or (1, 1) where it is white.
+
+    Of correlated noise that is its process at rest, which says little of a memory that is not far shorter than the rests
+    are, and then the same with a further part that has one.
+    """
     return [
         [
-            run.noise[name].spectrum(len(measured(row)), pace(run)[0]) if name in run.noise else 1.0
+            rows_of_noise(run, name, len(measured(row))) if name in run.noise else np.ones((1, 1))
             for name, row in zip(run.channels, rows, strict=True)
         ]
         for run, rows in zip(problem.runs, residuals, strict=True)
     ]
 
 
+def rows_of_noise(run: FitData, name: str, k: int) -> Matrix:
+    """The alternatives (alternatives, k) of a channel whose noise is correlated."""
+    interval, rows = pace(run)
+    own = run.noise[name].spectrum(k, interval)
+    more = [a**2 * spectrum_of(k, k / (part * rows)) for a in MORE_NOISE for part in MEMORIES]
+    return np.array([own, *(own + one for one in more)])
+
+
 def unlisted_evidence(
     residuals: Sequence[Matrix],
     floor_shares: Sequence[Sequence[float]] = (),
-    of_noise: Sequence[Sequence[Vector | float]] = (),
+    of_noise: Sequence[Sequence[Matrix]] = (),
 ) -> float:
     """Log Bayes factor of an unknown smooth function of time in one channel, in all recordings, beside noise.
 
-    `residuals`: (channels, k) of every run. `of_noise`: by run and channel, the variances of the cosine
-    coefficients of noise that is not white.
+    `residuals`: (channels, k) of every run. `of_noise`: by run and channel, the variances of the cosine coefficients of
+    its noise (`spectra_of_noise`); of alternatives the first one counts, and that which is most probable by itself.
 
     A Gaussian process with covariance a^2 exp(-|t - t'|/l) has nearly independent cosine coefficients d_j of variance
     a^2 s_j(l), which white noise of variance 1 adds to; averaged over amplitudes a and correlation times l, and over the
@@ -235,7 +258,7 @@ def unlisted_evidence(
     """
     channels = max(len(rows) for rows in residuals)
     shares = floor_shares or [[0.0] * channels] * len(residuals)
-    noises = of_noise or [[1.0] * channels] * len(residuals)
+    noises = of_noise or [[np.ones((1, 1))] * channels] * len(residuals)
     factors = []
     for channel in range(channels):
         rows = [
@@ -245,16 +268,26 @@ def unlisted_evidence(
         ]
         spectra = [(dct(measured(row), norm='ortho') ** 2, share, noise) for row, share, noise in rows if np.any(row)]
         if spectra:
-            lasts = any(share for _, share, _ in spectra)
+            periods = (
+                PERIODS if any(share for _, share, _ in spectra) else PERIODS[:1]
+            )  # all alike where no part of it lasts
             alone, beside = list[float](), list[float]()
-            for noise in PERIODS if lasts else PERIODS[:1]:  # all alike where no part of it lasts
-                rows_alone = [(power, (1.0 - f) * own + f * spectrum_of(len(power), noise)) for power, f, own in spectra]
-                alone.append(sum(log_density(power, variance) for power, variance in rows_alone))
-                for period in PERIODS:
-                    both = [(power, known, spectrum_of(len(power), period)) for power, known in rows_alone]
-                    beside += [
-                        sum(log_density(power, known + a**2 * more) for power, known, more in both) for a in AMPLITUDES
+            for lasting in periods:
+                found = [
+                    [
+                        (power, (1.0 - f) * own[one % len(own)] + f * spectrum_of(len(power), lasting))
+                        for power, f, own in spectra
                     ]
+                    for one in range(max(len(own) for _, _, own in spectra))
+                ]
+                of_each = [sum(log_density(power, variance) for power, variance in of_one) for of_one in found]
+                for one in sorted({0, int(np.argmax(of_each))}):
+                    alone.append(of_each[one])
+                    for period in PERIODS:
+                        both = [(power, known, spectrum_of(len(power), period)) for power, known in found[one]]
+                        beside += [
+                            sum(log_density(power, known + a**2 * more) for power, known, more in both) for a in AMPLITUDES
+                        ]
             factors.append(log_mean(beside) - log_mean(alone))
     return log_mean(factors) if factors else 0.0
 
