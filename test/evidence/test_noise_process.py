@@ -73,13 +73,14 @@ def test_a_slow_swing_has_no_memory():
     assert found[0] is None and found[1].std == pytest.approx(1.0, rel=0.1)
 
 
-def filtered(seeds, truth, white=0.0):
-    """Recordings of a robot whose sensors have smoothed their noise; half as much again is white."""
+def filtered(seeds, truth, white=0.0, memory=0.8):
+    """Recordings of a robot whose sensors have smoothed their noise, some of it white."""
     runs = []
     for seed in seeds:
         run, random = recording(truth, command(seed, 200.0), noise=0.0, seed=seed), np.random.default_rng(seed)
         noisy = {
-            name: values + NOISE[name] * smoothed(random, len(values), 0.8, white) for name, values in run.channels.items()
+            name: values + NOISE[name] * smoothed(random, len(values), memory, white)
+            for name, values in run.channels.items()
         }
         runs.append(replace(run, channels=noisy))
     return Dataset(tuple(runs), dict(NOISE))
@@ -94,6 +95,23 @@ def test_noise_at_rest_explains_what_no_list_has():
     assert np.mean([one.std for one in processes.values()]) == pytest.approx(1.0, rel=0.1)
     known = unlisted_evidence(left, of_noise=spectra_of_noise(with_noise_of(problem, processes), left))
     assert unlisted_evidence(left) > 500.0 and known < 5.0
+
+
+def test_a_memory_that_rests_hardly_tell_is_nothing_unlisted():
+    """White noise beside a part whose memory is a seventh of the means over rests: six of ten robots lacked something."""
+    truth, known, first = config('hybrid'), [], []
+    for seeds in ((1, 2, 3), (4, 5, 6), (7, 8, 9)):
+        data = filtered(seeds, truth, 1.0, 0.85)
+        problem = problem_for(
+            replace(data, noise_std={name: 1.4 * std for name, std in NOISE.items()}), truth, FitOptions(), 1
+        )
+        left = [weighted_residuals(truth, run) for run in problem.runs]
+        spectra = spectra_of_noise(with_noise_of(problem, noise_at_rest(problem, left)), left)
+        known.append(unlisted_evidence(left, of_noise=spectra))
+        first.append(unlisted_evidence(left, of_noise=[[one[:1] for one in run] for run in spectra]))
+        slow = [rows + 1.5 * np.sin(2.0 * np.pi * run.time / 40.0) for rows, run in zip(left, problem.runs, strict=True)]
+        assert unlisted_evidence(slow, of_noise=spectra) > 20.0
+    assert max(known) < 3.0 < max(first)
 
 
 def test_what_moves_in_several_channels_is_no_noise_of_any():
