@@ -122,7 +122,7 @@ def set_up_of(dataset: Dataset, nominal: Config, pool: Executor) -> tuple[Fault,
     right = corrected(dataset, faults)
     fits = nominal_fits(prepare(hold_out_last(right, None)[0], nominal), request.options, context)
     best = min(fits, key=lambda fit: fit.cost)
-    return (*faults, *faults_after_fit(right, best, request.options, context))
+    return (*faults, *faults_after_fit(right, best, request.options, faults, context))
 
 
 def set_up_result(fault: Fault, found: Sequence[Fault], wrong: Dataset, right: Dataset) -> dict[str, Any]:

@@ -314,6 +314,14 @@ def test_a_sample_that_lags_behind_a_change_of_the_command_is_no_outlier(runs):
     rows[k, 10] = 23.0
     (found,) = outliers(replace(problem, runs=(lagging,)), [rows])
     assert found.rows == {'run1': (10,)}
+    rows[k, 24:32] = 0.0  # alone in time, of a sensor that has outliers
+    (found,) = outliers(replace(problem, runs=(lagging,)), [rows])
+    assert found.rows == {'run1': (10, 23)}
+    rows[k, 10] = 0.0
+    assert outliers(replace(problem, runs=(lagging,)), [rows]) == []
+    assert outliers(replace(problem, runs=(lagging,)), [rows], {'F_1'})[0].rows == {'run1': (23,)}
+    rows[problem.runs[0].channels.index('alpha'), 23] = 9.0  # another sensor sees it too
+    assert outliers(replace(problem, runs=(lagging,)), [rows], {'F_1'}) == []
 
 
 def diagnosed(found, **options):

@@ -315,7 +315,7 @@ def search_effects(
     """
     options, nominal = request.options, nominal_fits(start, request.options, context)
     best, everything = min(nominal, key=lambda fit: fit.cost), pooled(start.dataset, held_out)
-    later = () if context.stop.is_set() else faults_after_fit(everything, best, options, context)
+    later = () if context.stop.is_set() else faults_after_fit(everything, best, options, faults, context)
     if later:
         training, held_out = without_faults(start.dataset, held_out, later)
         start, faults = start.on(training), (*faults, *later)

@@ -8,7 +8,7 @@ recordings as they are; the score is that of the search. Only odds beyond Occam'
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, reduce
 from itertools import combinations, permutations
@@ -111,7 +111,7 @@ def faults_before_fits(dataset: Dataset, config: Config, options: FitOptions, co
         return found
     dataset = corrected(dataset, found)
     problem = problem_for(dataset, config, options, 1, step_limited=False)
-    return (*found, *wrong_samples(problem, start_point(problem), dataset, False, context))
+    return (*found, *wrong_samples(problem, start_point(problem), dataset, found, context))
 
 
 def motionless(problem: Problem, context: SearchContext) -> Fault | None:
@@ -145,11 +145,14 @@ def smooth_evidence(problem: Problem, rows: Sequence[Rows], scattering: bool = F
     return unlisted_evidence(varying)
 
 
-def faults_after_fit(dataset: Dataset, fit: FitResult, options: FitOptions, context: SearchContext) -> tuple[Fault, ...]:
-    """What shows beside a fitted model only: outliers that motion hid, and a noise that is stated too large."""
+def faults_after_fit(
+    dataset: Dataset, fit: FitResult, options: FitOptions, faults: Sequence[Fault], context: SearchContext
+) -> tuple[Fault, ...]:
+    """What shows beside a fitted model only: outliers that motion hid, and a noise that is stated too large. `faults`: those
+    that are known, without which the recordings are."""
     dataset = with_differences(dataset, fit.problem.differences)
     whole = full_problem(dataset, fit, options)
-    return wrong_samples(whole, on_all_runs(fit, whole, start_point(whole)), dataset, True, context)
+    return wrong_samples(whole, on_all_runs(fit, whole, start_point(whole)), dataset, faults, context, is_fitted=True)
 
 
 def noise_after_search(
@@ -162,7 +165,7 @@ def noise_after_search(
     known = {name for fault in faults if fault.kind == 'noise' for name in fault.quantities}
     names = {run.name for run in best.problem.runs}
     seen = tuple(recording for recording in dataset.recordings if recording.name in names)
-    found = faults_after_fit(replace(dataset, recordings=seen), best, options, context)
+    found = faults_after_fit(replace(dataset, recordings=seen), best, options, faults, context)
     return tuple(fault for fault in found if fault.kind == 'noise' and not known & {*fault.quantities})
 
 
@@ -180,12 +183,12 @@ def with_noise_at_rest(
 
 
 def wrong_samples(
-    problem: Problem, z: Vector, dataset: Dataset, is_fitted: bool, context: SearchContext
+    problem: Problem, z: Vector, dataset: Dataset, faults: Sequence[Fault], context: SearchContext, is_fitted: bool = False
 ) -> tuple[Fault, ...]:
     """Outliers, and a noise that is stated wrong."""
     shown = residuals_at(problem, z, context.pool)
     rows = [-run.measured * run.weight if left is None else left for run, left in zip(problem.runs, shown, strict=True)]
-    far = outliers(problem, rows)
+    far = outliers(problem, rows, {name for fault in faults if fault.kind == 'outliers' for name in fault.quantities})
     if far:
         problem = reduce(without_fault, far, problem)
         rows = [row * (run.weight > 0.0) for row, run in zip(rows, problem.runs, strict=True)]
@@ -579,25 +582,44 @@ LONGEST = 3  # samples next to each other: what lasts longer moves
 MOST = 0.1  # of the samples of a run: more are no outliers
 
 
-def outliers(problem: Problem, residuals: Sequence[Rows]) -> list[Fault]:
+def outliers(problem: Problem, residuals: Sequence[Rows], scattered: Collection[str] = ()) -> list[Fault]:
     """By channel, the samples that are far from where their neighbours in the residuals say: by so much that chance among
-    all samples, and any motion that neighbours share, is out of the question by the odds of Occam's window."""
+    all samples, and any motion that neighbours share, is out of the question by the odds of Occam's window.
+
+    Just after a change of the command a model may be far off for a sample. That counts where what was measured stands out by
+    itself; of a sensor that has such outliers, here or already known (`scattered`), also where nothing else is off.
+    """
     found = []
     for channel in dict.fromkeys(name for run in problem.runs for name in run.channels):
-        rows, samples = dict[str, tuple[int, ...]](), 0
+        far, certain, samples = dict[str, NDArray[np.int64]](), channel in scattered, 0
         for run, left in zip(problem.runs, residuals, strict=True):
             if channel in run.channels:
                 k = run.channels.index(channel)
                 known = np.flatnonzero(run.weight[k])
                 samples += len(known)
                 own = isolated(run.time[known], left[k][known])
-                own &= stands_out(run, known, run.measured[k] * run.weight[k], own)
-                wrong = known[own]
-                rows |= {run.name: tuple(wrong.tolist())} if len(wrong) else {}
-        if rows:
-            share = sum(map(len, rows.values())) / samples
-            found.append(Fault('outliers', (channel,), recordings=tuple(rows), rows=rows, share=share))
+                by_itself = own & stands_out(run, known, run.measured[k] * run.weight[k], own)
+                certain = certain or bool(by_itself.any())
+                far[run.name] = known[own & (by_itself | is_alone(run, left, k, known))]
+        wrong = {name: tuple(rows.tolist()) for name, rows in far.items() if len(rows)}
+        if certain and wrong:
+            share = sum(map(len, wrong.values())) / samples
+            found.append(Fault('outliers', (channel,), recordings=tuple(wrong), rows=wrong, share=share))
     return found
+
+
+def is_alone(run: FitData, left: Rows, k: int, known: NDArray[np.int64]) -> Mask:
+    """At which of the `known` samples of the k-th channel nothing else is off by more than chance: neither the sample before
+    or after it, nor any other channel, of which there is one. What a model gets wrong lasts, and shows in several."""
+    others = [j for j in range(len(left)) if j != k]
+    if run.is_quasi_static or not others:
+        return np.zeros(len(known), dtype=bool)
+    limit = chance_limit(len(known))
+    off = np.pad(np.abs(left[k][known]) > limit, 1)
+    seen = run.weight[others][:, known] > 0.0
+    beside = (np.abs(left[others][:, known]) > limit) & seen
+    alone: Mask = seen.any(axis=0) & ~beside.any(axis=0) & ~off[:-2] & ~off[2:]
+    return alone
 
 
 def isolated(time: Vector, values: Vector) -> Mask:
