@@ -97,6 +97,15 @@ def test_noise_at_rest_explains_what_no_list_has():
     assert unlisted_evidence(left) > 500.0 and known < 5.0
 
 
+def test_noise_a_little_larger_than_stated_is_nothing_unlisted():
+    truth = config('hybrid')
+    data = filtered((1, 2, 3), truth, memory=0.0)
+    stated = replace(data, noise_std={name: std / 1.15 for name, std in NOISE.items()})
+    problem = problem_for(stated, truth, FitOptions(), 1)
+    left = [weighted_residuals(truth, run) for run in problem.runs]
+    assert unlisted_evidence(left) > 5.0 and unlisted_evidence(left, of_noise=spectra_of_noise(problem, left)) < 0.0
+
+
 def test_a_memory_that_rests_hardly_tell_is_nothing_unlisted():
     """White noise beside a part whose memory is a seventh of the means over rests: six of ten robots lacked something."""
     truth, known, first = config('hybrid'), [], []

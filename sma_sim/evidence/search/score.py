@@ -52,6 +52,7 @@ MAX_LOG_ODDS = 700.0  # of which exp is still a number
 ROUNDING = 1e-6  # of squares, by which what derivatives promise of them is wrong at most
 AMPLITUDES = np.geomspace(0.1, 1000.0, 17)  # of an unlisted function, in units of the noise
 PERIODS = (2.0, 5.0, 12.0, 30.0, 80.0)  # parts of the length of a run after which it has changed
+WHITE = np.array([[1.0], [1.1], [1.21]])  # variances of noise: larger ones are told (NOISE_ONLY)
 MEMORIES, MORE_NOISE = (0.125, 0.25, 0.5), (0.3, 0.6, 1.0)
 """Of correlated noise, memories in parts of the means over rests that tell of it, and standard deviations in units of the
 noise: of memories of 3 to 12 samples a mean of 40 left 0.8 to 0.3 of the spectrum at low frequencies."""
@@ -219,14 +220,15 @@ def profiled_information(problem: Problem) -> tuple[Vector, ...]:
 
 
 def spectra_of_noise(problem: Problem, residuals: Sequence[Matrix]) -> list[list[Matrix]]:
-    """By run and channel, the variances of the cosine coefficients of noise: (alternatives, k), or (1, 1) where it is white.
+    """By run and channel, variances of the cosine coefficients of noise: (alternatives, k), or (alternatives, 1) of white
+    noise, whose size is known to some per cent only.
 
     Of correlated noise that is its process at rest, which says little of a memory that is not far shorter than the rests
     are, and then the same with a further part that has one.
     """
     return [
         [
-            rows_of_noise(run, name, len(measured(row))) if name in run.noise else np.ones((1, 1))
+            rows_of_noise(run, name, len(measured(row))) if name in run.noise else WHITE
             for name, row in zip(run.channels, rows, strict=True)
         ]
         for run, rows in zip(problem.runs, residuals, strict=True)
