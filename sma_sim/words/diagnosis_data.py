@@ -127,7 +127,7 @@ def amounts(difference: RecordingDifference, diagnosis: Diagnosis) -> Iterator[t
     for run in (*diagnosis.calibration.runs, *diagnosis.predicted):
         if difference.zeros:
             ((channel, _),) = difference.zeros
-            yield run.name, run.zeros.get(channel, 0.0)
+            yield run.name, (run.drifts if difference.drifting else run.zeros).get(channel, 0.0)
         elif difference.late_commands:
             yield run.name, LATENESS * statistics.pstdev(run.switches or (0.0,))
         elif difference.rounded_commands:

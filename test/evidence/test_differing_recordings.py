@@ -44,6 +44,7 @@ from sma_sim.evidence.estimation.recording_differences import (
 )
 from sma_sim.evidence.estimation.residuals import Nuisance, fit_data, planned_run, predict, steps_of_powers
 from sma_sim.evidence.estimation.search_context import SearchContext
+from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS
 from sma_sim.evidence.model_selection.candidates import Candidate
 from sma_sim.evidence.model_selection.differing_recordings import promises
 from sma_sim.evidence.model_selection.model_changes import with_candidate, without_effect
@@ -51,6 +52,7 @@ from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.evidence.search.components import Component, difference_component
 from sma_sim.evidence.search.refine import Model, without_difference
+from sma_sim.evidence.search.score import evidence_of
 from sma_sim.report.html.diagnosis_page import write_diagnosis_page
 from sma_sim.solver.inputs import Input, inputs_at
 from sma_sim.words.diagnosis_data import as_data
@@ -182,6 +184,30 @@ def test_zeros_that_several_sensors_got_between_recordings_are_one_difference():
     assert not any(one.zeros for one in left) and found[zeros[1]] > found[zeros[0]] > 100.0
     one, both = (difference_component(one, problem).log_prior for one in zeros)
     assert both == pytest.approx(one - len(NOISE) * np.log(2.0))
+
+
+def test_a_zero_that_drifts_in_each_recording_by_its_own_amount_is_a_difference():
+    """As of a load cell that warms: no effect of the robot, which would drift alike in all of them."""
+
+    def drifted(number, amount):
+        run = recorded(number)
+        part = (run.time - run.time[0]) / np.ptp(run.time)
+        return replace(run, channels=run.channels | {'F_1': run.channels['F_1'] + amount * part})
+
+    dataset = sma_sim.Dataset((drifted(0, 0.3), drifted(1, -0.3), recorded(2)), NOISE)
+    problem = problem_for(dataset, sma_sim.Config(), OPTIONS, 5)
+    with executor_or_threads(None) as pool:
+        context = SearchContext(pool, Event())
+        found = promises(problem, start_point(problem), context)
+        drift = next(one for one in found if one.drifting)
+        assert drift.words == 'the drift of the zero of F_1' and found[drift] > 100.0
+        differing, z = with_difference(problem, start_point(problem), drift)
+        assert not any(one.zeros for one in promises(differing, z, context))
+        fit = refit(differing, z, context, FROM_PRIORS)
+        drifts = [run.drifts['F_1'] for run in run_fits(fit.problem, fit.z, pool)]
+        alone = evidence_of(refit(problem, start_point(problem), context, FROM_PRIORS), 0.0, context)
+        assert evidence_of(fit, 0.0, context).score(1.0) > alone.score(1.0) + 50.0
+    assert drifts == pytest.approx([0.3, -0.3, 0.0], abs=0.05)
 
 
 def pieces(cuts=(9.0, 17.0, 28.0), length=10.0, effects=()):

@@ -293,7 +293,7 @@ class StageData:
         return tuple(
             replace(one, recordings=tuple(name for name, side in sides.items() if side == one.unpowered_side))
             for difference in fit.problem.differences
-            for one in ([zeros_of({name: std}) for name, std in difference.zeros] or [difference])
+            for one in ([zeros_of({name: std}, difference.drifting) for name, std in difference.zeros] or [difference])
         )
 
 

@@ -17,16 +17,18 @@ ZERO_PART = 0.05  # of what a channel usually changes by: sensors are set by han
 
 @dataclass(frozen=True)
 class RecordingDifference:
-    """Something that each recording has its own: the `zeros` of channels, each with its prior (SI); the `ambient`
-    temperature; what is left of a motion before it (`in_motion`); how late each command takes effect (`late_commands`);
-    what each power was before it was rounded (`rounded_commands`); a `parameter`, with the `std` of its logarithm; or a
-    wire that gets no power, by the sign of its commands (`unpowered_side`), in some `recordings`.
+    """Something that each recording has its own: the `zeros` of channels, each with its prior (SI), which may drift by as
+    much from its first sample to the last (`drifting`); the `ambient` temperature; what is left of a motion before it
+    (`in_motion`); how late each command takes effect (`late_commands`); what each power was before it was rounded
+    (`rounded_commands`); a `parameter`, with the `std` of its logarithm; or a wire that gets no power, by the sign of its
+    commands (`unpowered_side`), in some `recordings`.
 
     `words` name it.
     """
 
     words: str
     zeros: tuple[tuple[str, float], ...] = ()
+    drifting: bool = False
     ambient: bool = False
     in_motion: bool = False
     late_commands: bool = False
@@ -40,8 +42,10 @@ class RecordingDifference:
         """A run with it."""
         if self.zeros:
             none = (0.0,) * len(run.channels)
-            known = dict(zip(run.channels, run.zero_std or none, strict=True)) | dict(self.zeros)
-            return replace(run, zero_std=tuple(known[name] for name in run.channels), drift_std=run.drift_std or none)
+            zero = dict(zip(run.channels, run.zero_std or none, strict=True)) | dict(self.zeros)
+            drift = dict(zip(run.channels, run.drift_std or none, strict=True)) | (dict(self.zeros) if self.drifting else {})
+            zero_std, drift_std = (tuple(stds[name] for name in run.channels) for stds in (zero, drift))
+            return replace(run, zero_std=zero_std, drift_std=drift_std)
         if self.ambient:
             return replace(run, ambient_std=AMBIENT_STD)
         if self.in_motion:
@@ -59,7 +63,9 @@ class RecordingDifference:
         """A recording with it."""
         if self.zeros:
             own = {name: std for name, std in self.zeros if name in recording.channels}
-            return replace(recording, zero_std={**recording.zero_std, **own})
+            drifts = own if self.drifting else {}
+            zero_std, drift_std = {**recording.zero_std, **own}, {**recording.drift_std, **drifts}
+            return replace(recording, zero_std=zero_std, drift_std=drift_std)
         if self.ambient:
             return replace(recording, ambient_std=AMBIENT_STD)
         if self.in_motion:
@@ -73,9 +79,11 @@ class RecordingDifference:
         return replace(recording, unpowered_side=self.unpowered_side) if recording.name in self.recordings else recording
 
 
-def zeros_of(stds: Mapping[str, float]) -> RecordingDifference:
+def zeros_of(stds: Mapping[str, float], drifting: bool = False) -> RecordingDifference:
     """The zeros of some channels, by their priors (SI)."""
-    return RecordingDifference(f'the zero{"s" * (len(stds) > 1)} of {joined_words(list(stds))}', zeros=tuple(stds.items()))
+    several = 's' * (len(stds) > 1)
+    words = f'{f"the drift{several} of " if drifting else ""}the zero{several} of {joined_words(list(stds))}'
+    return RecordingDifference(words, zeros=tuple(stds.items()), drifting=drifting)
 
 
 AMBIENT = RecordingDifference('the ambient temperature', ambient=True)

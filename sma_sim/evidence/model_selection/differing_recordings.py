@@ -37,7 +37,7 @@ from sma_sim.evidence.estimation.recording_differences import (
     RecordingDifference,
     zeros_of,
 )
-from sma_sim.evidence.estimation.residuals import MAX_SWITCHES
+from sma_sim.evidence.estimation.residuals import MAX_SWITCHES, elapsed
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.solver.effect_table import channel_scales
@@ -62,7 +62,9 @@ def promises(problem: Problem, z: Vector, context: SearchContext) -> dict[Record
     except SimulationError:
         return {}
     project = Projection(linear, len(z), problem.tempering)
-    found = promised_zeros(problem, project)
+    still, moved = promised_zeros(problem, project), promised_zeros(problem, project, drifting=True)
+    most = max((score for _, score in still.values()), default=0.0)
+    found = {one: taken for one, (taken, score) in [*still.items(), *moved.items()] if one in still or score > most}
     others = responses_in_runs(problem, z, context)
     found |= {one: gain(*project.products_of_runs(responses)) for one, responses in others.items()}
     for side in (1, -1):
@@ -70,22 +72,36 @@ def promises(problem: Problem, z: Vector, context: SearchContext) -> dict[Record
     return {one: taken for one, taken in (found | moving).items() if one.words not in known}
 
 
-def promised_zeros(problem: Problem, project: Projection) -> dict[RecordingDifference, float]:
+def promised_zeros(
+    problem: Problem, project: Projection, drifting: bool = False
+) -> dict[RecordingDifference, tuple[float, float]]:
     """What the zeros of the channel that promises most would take from the squares, and those of all channels that promise
-    to raise the score, each beside those before: who sets one sensor to zero between recordings may do so with all."""
+    to raise the score, each beside those before: who sets one sensor to zero between recordings may do so with all. With
+    twice what the score promises to rise by. `drifting`: zeros that change within a recording."""
     structure = problem.config.structure
     sizes = dict(zip(structure.channels, channel_scales(structure), strict=True))
-    known = {name for run in problem.runs for name, std in zip(run.channels, run.zero_std, strict=False) if std > 0.0}
+    known = {
+        name
+        for run in problem.runs
+        for name, std in zip(run.channels, run.drift_std if drifting else run.zero_std, strict=False)
+        if std > 0.0
+    }
     stds = {name: ZERO_PART * sizes[name] for run in problem.runs for name in run.channels if name not in known}
     if not stds:
         return {}
     responses = [
-        np.array([std * (run.weight * (np.array(run.channels) == name)[:, None]).ravel() for name, std in stds.items()])
+        np.array(
+            [
+                std * (run.weight * (np.array(run.channels) == name)[:, None] * shape).ravel()
+                for shape in ((1.0, elapsed(run)) if drifting else (1.0,))
+                for name, std in stds.items()
+            ]
+        )
         for run in problem.runs
     ]
     squares, products = project.products_of_runs(responses)
     of_channel = {name: np.arange(k, len(products), len(stds)) for k, name in enumerate(stds)}
-    chosen, score, found = list[str](), 0.0, dict[RecordingDifference, float]()
+    chosen, score, found = list[str](), 0.0, dict[RecordingDifference, tuple[float, float]]()
     while rest := [name for name in stds if name not in chosen]:
         rows = {name: np.concatenate([of_channel[one] for one in (*chosen, name)]) for name in rest}
         parts = {name: (squares[np.ix_(at, at)], products[at]) for name, at in rows.items()}
@@ -94,8 +110,8 @@ def promised_zeros(problem: Problem, project: Projection) -> dict[RecordingDiffe
         if scores[best] <= score:
             break
         chosen, score = [*chosen, best], scores[best]
-        several = zeros_of({name: std for name, std in stds.items() if name in chosen})
-        found = dict([*list(found.items())[:1], (several, gain(*parts[best]))])
+        several = zeros_of({name: std for name, std in stds.items() if name in chosen}, drifting)
+        found = dict([*list(found.items())[:1], (several, (gain(*parts[best]), score))])
     return found
 
 

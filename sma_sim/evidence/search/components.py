@@ -141,11 +141,11 @@ def is_powered(source: Input) -> bool:
 
 
 def difference_component(difference: RecordingDifference, problem: Problem) -> Component:
-    """What differs between recordings, among all kinds of it: zeros of one channel or of any several, ambient temperature,
-    late commands, rounded ones, power of a side."""
+    """What differs between recordings, among all kinds of it: zeros of one channel or of any several, which drift or do not,
+    ambient temperature, late commands, rounded ones, power of a side."""
     channels = len({name for run in problem.runs for name in run.channels})
     which = channels * log(2.0) if len(difference.zeros) > 1 else 0.0
-    return Component(difference.words, -SPARSITY - log(channels + NO_ZEROS) - which, difference)
+    return Component(difference.words, -SPARSITY - log(2 * channels + NO_ZEROS) - which, difference)
 
 
 def formula_log_prior(terms: int, locations: int) -> float:

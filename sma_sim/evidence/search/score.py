@@ -35,7 +35,7 @@ from sma_sim.evidence.estimation.problem import (
     linearize,
     normal_equations,
 )
-from sma_sim.evidence.estimation.residuals import FitData
+from sma_sim.evidence.estimation.residuals import FitData, elapsed
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.search.bounded_integral import log_bounded_integral
 from sma_sim.model.arrays import Mask, Matrix, Vector
@@ -212,11 +212,15 @@ def prior_of_values(problem: Problem, z: Vector) -> tuple[Vector, Vector, Vector
 
 
 def profiled_information(problem: Problem) -> tuple[Vector, ...]:
-    """By run, information about zeros of channels, which are at their best values, in units of their priors."""
-    return tuple(
-        np.array([std**2 * float(w @ w) for std, w in zip(run.zero_std, run.weight, strict=False) if std > 0.0])
-        for run in problem.runs
-    )
+    """By run, the eigenvalues of the information about zeros of channels and their drifts, which are at their best, in units
+    of their priors."""
+    found = []
+    for run in problem.runs:
+        stds = zip(run.zero_std, run.drift_std, run.weight, strict=False)
+        shapes = (np.array([zero * w, drift * w * elapsed(run)]) for zero, drift, w in stds if zero > 0.0 or drift > 0.0)
+        eigenvalues = [np.linalg.svd(shape, compute_uv=False) ** 2 for shape in shapes]
+        found.append(np.concatenate(eigenvalues) if eigenvalues else np.zeros(0))
+    return tuple(found)
 
 
 def spectra_of_noise(problem: Problem, residuals: Sequence[Matrix]) -> list[list[Matrix]]:
