@@ -71,13 +71,8 @@ class Command:
 
     def accepted(self, message: Any) -> tuple[float, ...] | None:
         """The command [W] that a message asks for, clipped to J_max; None for one that is refused as a whole."""
-        sizes, offset = list[int](), 0
-        if self.kind is Float64:
-            J: tuple[float, ...] = (float(message.data),)
-        else:
-            J, offset = tuple(map(float, message.data)), message.layout.data_offset
-            sizes = [dimension.size for dimension in message.layout.dim]
-        if reason := refusal(J, self.size, self._signed, sizes, offset):
+        J, reason = asked_for(message, self.size, self._signed)
+        if reason:
             self.refuse(f'{self.topic} = {shown(J)} W refused: {reason}')
             return None
         limited = self.limited(J)
@@ -119,6 +114,15 @@ class Command:
 
     def _turn_off(self) -> None:
         self._J, self._taken_at = self._off, math.inf
+
+
+def asked_for(message: Any, count: int, signed: bool) -> tuple[tuple[float, ...], str]:
+    """The heating [W] that a Float64 or Float64MultiArray asks for, and why a robot refuses it (`refusal`)."""
+    if (layout := getattr(message, 'layout', None)) is None:
+        J: tuple[float, ...] = (float(message.data),)
+        return J, refusal(J, count, signed)
+    J = tuple(map(float, message.data))
+    return J, refusal(J, count, signed, [dimension.size for dimension in layout.dim], layout.data_offset)
 
 
 def shown(numbers: tuple[float, ...]) -> str:

@@ -28,12 +28,12 @@ from std_msgs.msg import Float64, Float64MultiArray, UInt8MultiArray
 from sma_sim.evidence.data.display_units import ZERO_CELSIUS
 from sma_sim.evidence.data.rosbag.interface import PAIR_COMMAND, interface_of
 from sma_sim.evidence.state_estimation.estimate import Estimate
-from sma_sim.evidence.state_estimation.guard import Counters, Decision, Guard
+from sma_sim.evidence.state_estimation.guard import REFUSED, Counters, Decision, Guard
 from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.structure import numbers, record
-from sma_sim.ros.command import ENVIRONMENT, Ambient
+from sma_sim.ros.command import ENVIRONMENT, Ambient, asked_for, shown
 from sma_sim.ros.command_session import WARNING, LastMessage, publish_last
 from sma_sim.ros.control import DIAGNOSTICS_PERIOD, Diagnostics
 from sma_sim.ros.graph_check import GraphCheck
@@ -42,7 +42,7 @@ from sma_sim.ros.observer_node import PREFIX, estimated_topics
 from sma_sim.ros.parameters import follow_live_parameters
 from sma_sim.ros.qos import LAST_FEW, make_publisher, make_subscription
 from sma_sim.ros.robot_clock import RobotClock
-from sma_sim.ros.robot_subscriptions import SENSOR_QOS, arrival_of, wire_names
+from sma_sim.ros.robot_subscriptions import REMINDER_PERIOD, SENSOR_QOS, arrival_of, wire_names
 from sma_sim.ros.transport import late_commands
 from sma_sim.solver.model import Model
 
@@ -184,11 +184,9 @@ class WireGuard:
 
     def _pass_on(self, now: float) -> None:
         """The command that is asked for, as far as it may be in force."""
-        message = self._heard[self._request][1]
-        asked = [message.data] if self._pair else list(message.data)
-        if len(asked) != len(self._structure.commands):
-            expected = len(self._structure.commands)
-            self._turn_off(f'{self._request} has {len(asked)} numbers; expected {expected}', now)
+        asked, wrong = asked_for(self._heard[self._request][1], len(self._structure.commands), self._structure.antagonistic)
+        if wrong:
+            self._turn_off(f'{REFUSED}: {self._request} = {shown(asked)} W, {wrong}', now)
             return
         if not self._is_estimated:
             self._estimate, self._is_estimated = self._read(), True
@@ -204,7 +202,7 @@ class WireGuard:
         self._publish(self._guard.limit(asked, estimate, at), now)
 
     def _turn_off(self, why: str, now: float) -> None:
-        off = Decision((0.0,) * len(self._structure.commands), 0.0, why.partition(':')[0].partition(' has ')[0], why)
+        off = Decision((0.0,) * len(self._structure.commands), 0.0, why.partition(':')[0], why)
         if self._decision.kind != off.kind:
             self._guard.counters.interventions[off.kind] += 1
         if self._decision.kind != off.kind or now >= self._published_at + REPEAT_PERIOD:
@@ -271,6 +269,15 @@ class WireGuard:
         except UserError as error:
             self._logger.error(str(error), throttle_duration_sec=10.0)
 
+    def _not_obeyed(self) -> list[str]:
+        """Limits that wires have passed although nothing had to be taken away, which the log says too."""
+        passed = self._guard.passed(self._estimate) if self._estimate and not self._decision.kind else []
+        if not passed:
+            return []
+        words = f'{"; ".join(passed)}, at {self.topic} = {shown(self._decision.J_eq)} W: does the robot obey it?'
+        self._logger.warning(words, throttle_duration_sec=REMINDER_PERIOD)
+        return [words]
+
     def _diagnose(self) -> None:
         others = len(self._node.get_publishers_info_by_topic(self.topic)) > 1
         self._past = (
@@ -280,7 +287,7 @@ class WireGuard:
             else ''
         )
         decision, counters = self._decision, self._guard.counters
-        problems = self._graph_check.problems()
+        problems = [*self._not_obeyed(), *self._graph_check.problems()]
         values: dict[str, Any] = {
             'part of the command in force': f'{decision.scale:.3f}',
             'reason': decision.reason or 'none',

@@ -166,8 +166,8 @@ def test_less_is_asked_for_less_is_taken_away():
 @pytest.mark.parametrize(
     ('asked', 'seen', 'at', 'kind'),
     [
-        (float('nan'), estimate(), 0.0, 'a command that is not finite'),
-        (float('inf'), estimate(), 0.0, 'a command that is not finite'),
+        (float('nan'), estimate(), 0.0, 'a command that a robot refuses'),
+        (float('inf'), estimate(), 0.0, 'a command that a robot refuses'),
         (5.0, None, 0.0, 'no estimate'),
         (5.0, estimate(), 0.5, 'no estimate'),
         (5.0, estimate(T=(float('nan'), 300.0)), 0.0, 'no estimate'),
@@ -189,6 +189,34 @@ def test_zero_where_nothing_is_known_or_a_limit_is_passed(asked, seen, at, kind)
     assert guard.counters.interventions == ({kind: 1} if kind else {})
     guard.limit(asked, seen, at)
     assert sum(guard.counters.interventions.values()) == bool(kind)  # one that lasts is counted once
+
+
+def of_wires(config, T):
+    """An estimate of wires that are all as hot as this [K]."""
+    wires = config.structure.wires
+    alike = {name: np.full(wires, value) for name, value in (('T', T), ('x_M', 0.5), ('stress', 8e7), ('strain', 0.04))}
+    return dataclasses.replace(estimate(), **alike, covariance=np.zeros((3 * wires, 3 * wires)))
+
+
+@pytest.mark.parametrize('system', ['slider', 'spatial'])
+def test_a_command_that_the_robot_refuses_is_zero_and_not_the_one_before(system):
+    """A robot keeps its last good command where it refuses one."""
+    config = Config(system=system)
+    guard, wires = Guard(config), config.structure.wires
+    assert guard.limit([5.0] * wires, of_wires(config, 320.0), 0.0).J_eq == (5.0,) * wires
+    decision = guard.limit([5.0] * (wires - 1) + [-1.0], of_wires(config, 320.0), 0.01)
+    assert decision.J_eq == (0.0,) * wires and decision.kind == 'a command that a robot refuses'
+    assert 'expected no negative number' in decision.reason
+
+
+def test_a_wire_that_is_beyond_a_limit_is_told_whatever_is_commanded():
+    guard = Guard(Config({'guard.T_max': T_MAX, 'guard.stress_max': 2e8, 'guard.strain_max': 0.06}))
+    assert guard.limit(0.0, estimate(T=(351.0, 300.0)), 0.0).kind == ''  # there is nothing to take away
+    assert guard.passed(estimate(T=(351.0, 300.0))) == ['T of wire 1 is 351.0 K, beyond guard.T_max 350 K']
+    assert guard.passed(estimate(T=(349.9, 300.0), stress=(1e8, 2.1e8), strain=(0.061, 0.045))) == [
+        'stress of wire 2 is 210.0 MPa, beyond guard.stress_max 200 MPa',
+        'strain of wire 1 is 6.1 %, beyond guard.strain_max 6 %',
+    ]
 
 
 def test_cycles_are_counted_and_end_the_heating_of_a_worn_wire():

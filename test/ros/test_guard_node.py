@@ -12,7 +12,7 @@ import pytest
 ros_client = pytest.importorskip('ros_client', reason='rclpy is not installed', exc_type=ImportError)
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
 from sensor_msgs.msg import JointState, Temperature  # noqa: E402
-from std_msgs.msg import Float64, Float64MultiArray, UInt8MultiArray  # noqa: E402
+from std_msgs.msg import Float64, Float64MultiArray, MultiArrayDimension, MultiArrayLayout, UInt8MultiArray  # noqa: E402
 
 from sma_sim import Config, Model  # noqa: E402
 from sma_sim.ros.command import GUARDED_TIMEOUT  # noqa: E402
@@ -126,7 +126,7 @@ def test_what_is_taken_away_is_said_with_its_reason():
         assert 0.0 < float(values(one)['part of the command in force']) < 1.0
         world.T, world.asked = 30.0, float('nan')
         world.until_in_force(0.0)
-        world.until(lambda: 'not a finite number' in status(one).message)
+        world.until(lambda: 'expected a finite number' in status(one).message)
         world.asked, world.variance = 6.0, 900.0
         world.until(lambda: 'T of wire 1 is known to 30.0 K only' in status(one).message)
         assert one.seen['J_eq'][-1].data == 0.0
@@ -192,6 +192,69 @@ def test_zero_follows_the_last_message_of_a_part_within_the_silence_and_one_look
             assert off_at is None or J_eq == (0.0,)
             off_at = now if off_at is None and J_eq == (0.0,) else off_at
         assert off_at is not None and dead_at < off_at <= last + bound + 1e-9
+
+
+def of_slider(T, asked):
+    """One message of everybody about a slider, by topic, of a wire that is so hot [K]."""
+    joints = JointState(name=['position'], position=[0.0])
+    joints.header.stamp = stamp_of(10**11)
+    temperature = Temperature(temperature=T - 273.15, variance=1.0)
+    temperature.header.stamp = joints.header.stamp
+    return {
+        'J_requested': asked,
+        'joint_states': joints,
+        'estimated/wire_1/temperature': temperature,
+        'estimated/phase_fractions': Float64MultiArray(data=[0.5, 0.03]),
+        'estimated/wire_stresses': Float64MultiArray(data=[1e8, 1e6]),
+        'estimated/wire_modes': UInt8MultiArray(data=[3]),
+    }
+
+
+def heating_of(*J, sizes=(), offset=0):
+    dimensions = [MultiArrayDimension(size=size) for size in sizes]
+    return Float64MultiArray(data=J, layout=MultiArrayLayout(dim=dimensions, data_offset=offset))
+
+
+@pytest.mark.parametrize(
+    ('asked', 'words'),
+    [
+        (heating_of(-1.0), 'J_requested = -1 W, expected no negative number'),
+        (heating_of(float('nan')), 'J_requested = nan W, expected a finite number'),
+        (heating_of(1.0, 1.0), 'J_requested = 1, 1 W, expected one number [W], got 2'),
+        (heating_of(1.0, sizes=(3,)), 'got a layout of the sizes [3] and the offset 0'),
+        (heating_of(1.0, offset=1), 'got a layout of the sizes [] and the offset 1'),
+    ],
+)
+def test_a_command_that_the_robot_would_refuse_turns_the_heating_off(asked, words):
+    """Passed on it would leave the one before in force, which heats until the robot's own timeout."""
+    with ros_client.listener(ros_client.any_domain()) as node:
+        guard, now = WireGuard(node, Config(system='slider'), False), 100.0
+        for message, J in ((heating_of(2.0, sizes=(1,)), 2.0), (asked, 0.0)):
+            for topic, said in of_slider(320.0, message).items():
+                guard.hear(topic, said, now)
+            decision = guard.look(now)
+            assert decision.J_eq == (J,)
+        assert decision.kind == 'a command that a robot refuses' and words in decision.reason
+
+
+def test_a_robot_that_does_not_obey_is_told(monkeypatch):
+    """Nothing is asked for, so that nothing is taken away; and yet the wire is hot."""
+    with ros_client.listener(ros_client.any_domain()) as node:
+        guard, said = WireGuard(node, Config({'guard.T_max': 360.0}, system='slider'), False), []
+        monkeypatch.setattr(guard._diagnostics, 'publish', lambda message, warn, values: said.append((message, warn)))
+        for now, T in ((100.0, 359.0), (100.01, 540.6)):
+            for topic, message in of_slider(T, heating_of(0.0)).items():
+                guard.hear(topic, message, now)
+            assert guard.look(now).J_eq == (0.0,)
+            guard._diagnose()
+        assert said == [
+            ('all that is asked for is in force', False),
+            (
+                'all that is asked for is in force; T of wire 1 is 540.6 K, beyond guard.T_max 360 K, at J = 0 W: does the '
+                'robot obey it?',
+                True,
+            ),
+        ]
 
 
 def test_less_is_let_through_while_the_next_estimate_does_not_come():

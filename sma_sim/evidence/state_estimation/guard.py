@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 
+from sma_sim.evidence.data.rosbag.commands import refusal
 from sma_sim.evidence.data.tables import write_whole
 from sma_sim.evidence.state_estimation.estimate import Estimate
 from sma_sim.evidence.state_estimation.heat_balance import heat_balance
@@ -37,7 +38,7 @@ from sma_sim.solver.model import Model
 
 CYCLE = 0.1  # of x_M, by which a wire must have transformed to and fro for a cycle
 OVER = 'temperature', 'stress', 'strain', 'cycles'
-UNKNOWN, UNCERTAIN, NOT_FINITE = 'no estimate', 'uncertain estimate', 'a command that is not finite'
+UNKNOWN, UNCERTAIN, REFUSED = 'no estimate', 'uncertain estimate', 'a command that a robot refuses'
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,7 @@ class Guard:
     """Limits commands so that the wires stay within ``guard.T_max``, ``stress_max``, ``strain_max`` and ``cycles_max``.
 
     It never adds heating. Without an estimate, with one that is too uncertain (``guard.T_std_max``), and for a command that
-    is not finite, the heating is zero.
+    a robot refuses (it would leave the one before in force), the heating is zero.
 
     Parameters
     ----------
@@ -133,6 +134,7 @@ class Guard:
         model = Model(config)
         self._system, self._wire = model.compiled, model.wire
         self._size, self._wires = len(model.structure.commands), model.wires
+        self._signed = model.structure.antagonistic
         self._limits = {
             name.removeprefix('guard.'): value for name, value in config.parameters.items() if name.startswith('guard.')
         }
@@ -188,10 +190,24 @@ class Guard:
         self._commands.append((time, np.maximum(before, self._heating)))
         return Decision(tuple(allowed.tolist()), scale, kind, reason)
 
+    def passed(self, estimate: Estimate) -> list[str]:
+        """The limits beyond which a wire is, whatever is commanded, in words."""
+        return [
+            f'{name} of wire {wire + 1} is {scale * value:.1f} {unit}, beyond guard.{name}_max {scale * most:g} {unit}'
+            for name, values, scale, unit in (
+                ('T', estimate.T, 1.0, 'K'),
+                ('stress', estimate.stress, 1e-6, 'MPa'),
+                ('strain', estimate.strain, 100.0, '%'),
+            )
+            for most in [self._limits[f'{name}_max']]
+            for wire, value in enumerate(values.tolist())
+            if value > most
+        ]
+
     def _judged(self, asked: Vector, estimate: Estimate | None, time: float) -> tuple[float, str, str]:
         """The part of a command, the kind of intervention and its reason."""
-        if not np.isfinite(asked).all():
-            return 0.0, NOT_FINITE, f'J_eq = {", ".join(map(str, asked.tolist()))}: not a finite number'
+        if wrong := refusal(asked.tolist(), self._size, self._signed):
+            return 0.0, REFUSED, f'{REFUSED}: {", ".join(map(str, asked.tolist()))} W, {wrong}'
         late = math.inf if estimate is None else time - estimate.time
         known = estimate is not None and np.isfinite([*estimate.mean, *estimate.stress_std, *estimate.strain]).all()
         if estimate is None or not known or not abs(late) <= self._limits['silence'] * self.pace:
