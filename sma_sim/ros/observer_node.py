@@ -143,6 +143,7 @@ class WireObserver:
                 values[f'temperature of {wire} [deg C]'] = f'{T:.1f} +- {estimate.T_std[i]:.1f}'
             values['squared innovation over its variance'] = f'{estimate.inconsistency:.2g}'
         values |= {
+            'command': self._robot.heating_followed,
             'samples': self._samples,
             'samples waiting': self._robot.waiting,
             'messages that came too late': self._observer.too_late,

@@ -38,6 +38,7 @@ Queue = deque[tuple[int, Any]]
 
 REMINDER_PERIOD = 10.0  # [s] between two warnings of what lasts
 MAX_DELAY = 0.02  # [s] for a node that acts on the robot: a period of a command
+RESTART = 10**9  # [ns] without a sample from which on the robot may be another one: a program takes as long to start
 MAX_AHEAD = 10**9  # [ns] of a value before the sample that it belongs to
 MAX_QUEUED_MESSAGES = 10_000  # messages of a topic; older ones give way
 SENSOR_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)  # hears reliable publishers too
@@ -107,7 +108,7 @@ class RobotSubscriptions:
         self._max_delay = max_delay * 1e9
         self._skipped = self._told_of = self._jumped = 0
         self._clock = RobotClock() if math.isfinite(max_delay) else None
-        self._logger, self._structure = node.get_logger(), structure
+        self._node, self._logger, self._structure = node, node.get_logger(), structure
         self._names = [str(config.settings[f'check.name_{joint}']) for joint in structure.coordinate_names]
         if len(set(self._names)) < len(self._names):
             count = NUMBERS.get(len(self._names), str(len(self._names)))
@@ -122,20 +123,27 @@ class RobotSubscriptions:
         self.counts: Counter[str] = Counter()  # of what was wrong, by words for it
         self._warned_at: dict[str, float] = {}
         self.applied = [False] * columns  # whether the robot publishes what is in force in a column
+        self._of_applied: dict[str, tuple[int, ...]] = {}  # topics that say so, and their columns
+        self._kept: list[Any] = []  # subscriptions to what a robot keeps for late subscribers
         self._commanded = math.inf  # stamp [ns] of the last command that was asked for
-        self._ready_at = time.monotonic()
+        self._ready_at, self._arrived = time.monotonic(), math.inf  # [s]; of the last sample [ns]
         self._heard: deque[Event] = deque()
         self._events: list[Event] = []
         self._samples: deque[Sample] = deque(maxlen=MAX_QUEUED_MESSAGES)
         self._companions: list[Queue] = [
             deque(maxlen=MAX_QUEUED_MESSAGES) for _ in range(2 + structure.wires)
         ]  # forces, the temperature of each wire, resistances
-        self._subscribe(node)
+        self._subscribe()
 
     @property
     def command_topic(self) -> str:
         """The topic of the heating that is asked for."""
         return self._command.topic
+
+    @property
+    def heating_followed(self) -> str:
+        """The topic of the heating that counts: what is in force, where the robot publishes it."""
+        return f'{self.command_topic}{APPLIED}' if self.applied[self.heating[0]] else self.command_topic
 
     @property
     def waiting(self) -> int:
@@ -173,6 +181,7 @@ class RobotSubscriptions:
                     break
             if time.monotonic() >= diagnose_at:
                 diagnose_at += DIAGNOSTICS_PERIOD
+                self._look_for_publishers()
                 diagnose()
             time.sleep(poll_period)
 
@@ -257,28 +266,60 @@ class RobotSubscriptions:
             self._warned_at[words] = now
             self._logger.warning(f'{words}: {advice}')
 
-    def _subscribe(self, node: Node) -> None:
+    def _look_for_publishers(self) -> None:
+        """What is asked for counts again where nobody publishes any more what is in force."""
+        for topic, columns in self._of_applied.items():
+            if self.applied[columns[0]] and not self._node.get_publishers_info_by_topic(topic):
+                self._believe_no_longer(columns)
+                self._logger.warning(f'{topic} is not published any more: the model follows what is asked for')
+
+    def _believe_no_longer(self, columns: Sequence[int]) -> None:
+        """What was in force was so with a robot that may be gone."""
+        if columns[0] == self.T_E and self.applied[self.T_E]:
+            self._hear(time.time_ns(), columns, (self.ambient.T_E,), applied=False)  # nobody has to ask for it
+        for column in columns:
+            self.applied[column] = False
+
+    def _ask_what_is_in_force(self) -> None:
+        """Begin anew with what robots keep for late subscribers.
+
+        One that is there says it again to a subscription that is new; one that was killed does not, and DDS takes it for
+        alive for another 20 s.
+        """
+        for subscription in self._kept:
+            self._node.destroy_subscription(subscription)
+        for columns in self._of_applied.values():
+            self._believe_no_longer(columns)
+        kinds = robot_topics(self._structure)
+        self._kept = [
+            self._listen(kinds[topic], topic, partial(self._take_applied, topic, columns), LATEST)
+            for topic, columns in self._of_applied.items()
+        ]
+
+    def _listen(self, kind: Any, topic: str, receive: Callable[[Any, Any], None], quality: QoSProfile) -> Any:
         quiet = SubscriptionEventCallbacks(use_default_callbacks=False)
+        return self._node.create_subscription(kind, topic, receive, quality, event_callbacks=quiet)
+
+    def _subscribe(self) -> None:
         heating = (self._command.topic, tuple(self.heating), self._command.accepted)
         points = [(point.topic, (k,), point.accepted) for k, point in enumerate(self._set_points)]
         receivers: dict[str, Callable[[Any, Any], None]] = {
             'joint_states': self._take_joints,
             'ambient_temperature': partial(self._take, (self.T_E,), self.ambient.accepted),
-            'T_E_applied': partial(self._take_applied, 'T_E_applied', (self.T_E,)),
             **{topic: partial(self._take_numbers, topic, queue) for topic, queue in OF_WIRES.items()},
         }
+        self._of_applied = {f'{topic}{APPLIED}': columns for topic, columns, _ in (heating, *points)}
+        self._of_applied['T_E_applied'] = (self.T_E,)
         for topic, columns, accepted in (heating, *points):
             receivers[topic] = partial(self._take, columns, accepted)
-            receivers[f'{topic}{APPLIED}'] = partial(self._take_applied, f'{topic}{APPLIED}', columns)
+        for topic, columns in self._of_applied.items():
+            receivers[topic] = partial(self._take_applied, topic, columns)
         for i, wire in enumerate(wire_names(self._structure)):
             receivers[f'{wire}/temperature'] = partial(self._take_temperature, i)
         asked = {'ambient_temperature', *(topic for topic, *_ in (heating, *points))}
         for topic, kind in robot_topics(self._structure).items():
-            qualities = [QoSProfile(depth=COMMAND_DEPTH)] if topic in asked else [SENSOR_QOS]
-            if topic.endswith(APPLIED):
-                qualities = [LATEST, SENSOR_QOS]
-            for quality in qualities:  # no one quality hears both what was kept for late subscribers and what was not
-                node.create_subscription(kind, topic, receivers[topic], quality, event_callbacks=quiet)
+            self._listen(kind, topic, receivers[topic], QoSProfile(depth=COMMAND_DEPTH) if topic in asked else SENSOR_QOS)
+        self._ask_what_is_in_force()  # no one quality hears both what was kept for late subscribers and what was not
 
     def _stamp(self, arrival: int, before: Sample | None, now: Sample) -> int:
         if before is None:
@@ -330,6 +371,9 @@ class RobotSubscriptions:
         if len(self._samples) == MAX_QUEUED_MESSAGES:
             self.warn_of('joint_states dropped', 'they come faster than the model runs')
         arrival, stamp = arrival_of(info), nanoseconds(message.header.stamp)
+        if arrival - self._arrived > RESTART:
+            self._ask_what_is_in_force()
+        self._arrived = arrival
         if self._clock is not None and (jump := self._clock.hear(1e-9 * stamp, 1e-9 * arrival)):
             self._jumped += round(1e9 * jump)
             self.warn_of(
