@@ -6,6 +6,7 @@ millisecond. A thread that looks for messages a thousand times a second anyway t
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Any
 
@@ -51,12 +52,19 @@ class Inbox:
         self.subscriptions.append(subscription)
 
     def take(self) -> None:
-        """Call the callbacks with all messages that have arrived; those that arrive meanwhile wait for the next time."""
+        """Call the callbacks with all messages that have arrived, whatever their topics, in the order of their arrival.
+
+        Those that arrive meanwhile wait for the next time.
+        """
+        waiting: list[tuple[int, Any, Callable[[Any], None]]] = []
         for subscription in self.subscriptions:
             with subscription.handle:
                 for _ in range(max_waiting(subscription.qos_profile)):
-                    if not self._take_one(subscription):
+                    if (taken := self._take_one(subscription)) is None:
                         break
+                    waiting.append((taken[1]['received_timestamp'], taken[0], subscription.callback))
+        for _, message, callback in sorted(waiting, key=lambda one: one[0]):
+            callback(message)
 
     def wait(self, longest: float) -> None:
         """Return when there is a message, after `longest` seconds at the latest."""
@@ -71,17 +79,14 @@ class Inbox:
                 wait_set.add_subscription(handle)
             wait_set.wait(round(longest * 1e9))
 
-    def _take_one(self, subscription: Any) -> bool:
-        """Whether there was a message."""
+    def _take_one(self, subscription: Any) -> tuple[Any, Any] | None:
+        """A message and what is known of it; None where there is none."""
         try:
-            taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+            taken: tuple[Any, Any] | None = subscription.handle.take_message(subscription.msg_type, subscription.raw)
         except Exception as error:  # a message that cannot be read must not end the simulation
             self._node.get_logger().error(f'a message on {subscription.topic_name} was lost: {error}')
-            return False
-        if taken is None:
-            return False
-        subscription.callback(taken[0])
-        return True
+            return None
+        return taken
 
 
 def max_waiting(profile: QoSProfile) -> int:

@@ -53,13 +53,27 @@ def test_messages_wait_for_the_one_who_takes_them(node, executor):
     assert [message.data for message in seen] == [1.0, 2.0]
 
 
+def test_messages_of_several_topics_are_taken_in_the_order_of_their_arrival(node):
+    """The last of a command on `J_eq` and one on `J_eq_stamped` is in force, however long a clock stands still."""
+    seen, publishers, inbox = [], [], Inbox(node)
+    for topic in ('x', 'y'):
+        inbox.add(node.create_subscription(Float64, topic, seen.append, 10))
+        publishers.append(node.create_publisher(Float64, topic, 10))
+    until(lambda: all(publisher.get_subscription_count() > 0 for publisher in publishers))
+    for number, at in enumerate((1, 0, 1, 0)):
+        publishers[at].publish(Float64(data=float(number)))
+        time.sleep(0.1)
+    inbox.take()
+    assert [message.data for message in seen] == [0.0, 1.0, 2.0, 3.0]
+
+
 def test_a_message_that_cannot_be_read_is_logged(node):
     seen, logged = [], []
 
     class Handle:
         """Gives an error, a message, and nothing more."""
 
-        given = iter((ValueError('broken'), (Float64(data=3.0), {}), None))
+        given = iter((ValueError('broken'), (Float64(data=3.0), {'received_timestamp': 1}), None))
 
         def take_message(self, *_):
             taken = next(self.given)
