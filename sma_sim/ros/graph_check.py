@@ -15,7 +15,7 @@ def type_name(kind: Any) -> str:
 
 
 class GraphCheck:
-    """Looks for others that publish topics of `owned`, for two publishers of `command`, and for other types on `inputs`.
+    """Looks for others that publish topics of `owned`, for two publishers of `commands`, and for other types on `inputs`.
 
     It also tells of publishers that do not offer the quality of service for which `subscriptions` ask, as an executor does
     for those whose events it takes.
@@ -26,10 +26,10 @@ class GraphCheck:
         node: Node,
         owned: Sequence[str],
         inputs: Mapping[str, Any],
-        command: str = '',
+        commands: Sequence[str] = (),
         subscriptions: Sequence[Any] = (),
     ) -> None:
-        self._node, self._owned, self._inputs, self._command = node, owned, inputs, command
+        self._node, self._owned, self._inputs, self._commands = node, owned, inputs, commands
         self._subscriptions = subscriptions
         self._logged: set[str] = set()
 
@@ -38,10 +38,11 @@ class GraphCheck:
         found = [
             f'another node publishes {topic} too: give one of them a namespace, such as -r __ns:=/left'
             for topic in self._owned
-            if self._publishers(topic) > 1
+            if self.publishers(topic) > 1
         ]
-        if self._command and self._publishers(self._command) > 1:
-            found.append(f'{self._command} has several publishers: the last message is in force')
+        heard = [topic for topic in self._commands if self.publishers(topic)]
+        if sum(map(self.publishers, heard)) > 1:
+            found.append(f'the command has several publishers, on {" and ".join(heard)}: the last message is in force')
         for topic, expected in self._inputs.items():
             kinds = {info.topic_type for info in self._node.get_publishers_info_by_topic(topic)} - {type_name(expected)}
             found += [f'{kind} is published on {topic}: expected {type_name(expected)}' for kind in sorted(kinds)]
@@ -61,6 +62,6 @@ class GraphCheck:
                     why = reason.removeprefix('ERROR: ').rstrip(';')
                     yield f'nothing arrives on {topic} from {info.node_name}: {why}; see qos_overrides'
 
-    def _publishers(self, topic: str) -> int:
+    def publishers(self, topic: str) -> int:
         """How many there are, also for a topic that was given another name (count_publishers knows no remapping)."""
         return len(self._node.get_publishers_info_by_topic(topic))

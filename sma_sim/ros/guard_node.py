@@ -43,6 +43,7 @@ from sma_sim.ros.parameters import follow_live_parameters
 from sma_sim.ros.qos import LAST_FEW, make_publisher, make_subscription
 from sma_sim.ros.robot_clock import RobotClock
 from sma_sim.ros.robot_subscriptions import REMINDER_PERIOD, SENSOR_QOS, arrival_of, wire_names
+from sma_sim.ros.stamped import SUFFIX
 from sma_sim.ros.transport import late_commands
 from sma_sim.solver.model import Model
 
@@ -94,7 +95,7 @@ class WireGuard:
         node.create_subscription(JointState, 'joint_states', partial(self._receive, 'joint_states'), SENSOR_QOS)
         make_subscription(node, Temperature, 'ambient_temperature', self.ambient.receive, LAST_FEW)
         heard = {**own, 'joint_states': JointState, 'ambient_temperature': Temperature}
-        self._graph_check, self._past = GraphCheck(node, [], heard, self._request), ''
+        self._graph_check, self._past = GraphCheck(node, [], heard, [self._request]), ''
 
     def begin(self, stop: threading.Event) -> None:
         """Say what is limited."""
@@ -279,11 +280,12 @@ class WireGuard:
         return [words]
 
     def _diagnose(self) -> None:
-        others = len(self._node.get_publishers_info_by_topic(self.topic)) > 1
+        stamped, count = f'{self.topic}{SUFFIX}', self._graph_check.publishers
+        past = [topic for topic, own in ((self.topic, 1), (stamped, 0)) if count(topic) > own]
         self._past = (
-            f'another node publishes {self.topic} past the guard, which cannot limit it: let it publish {self._request} '
-            f'(-r {self.topic}:={self._request})'
-            if others
+            f'another node publishes {" and ".join(past)} past the guard, which cannot limit it: let it publish '
+            f'{self._request}, of the type of {self.topic} (-r {self.topic}:={self._request})'
+            if past
             else ''
         )
         decision, counters = self._decision, self._guard.counters

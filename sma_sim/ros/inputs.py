@@ -53,11 +53,15 @@ class Inputs:
         """Message types of the topics that are heard, by name."""
         points = {point.topic: Float64 for point in self.set_points}
         return {
-            self.command.topic: self.command.kind,
+            **dict(zip(self.command_topics, (self.command.kind, JointState), strict=True)),
             AMBIENT: Temperature,
             **points,
-            f'{self.command.topic}{SUFFIX}': JointState,
         }
+
+    @property
+    def command_topics(self) -> tuple[str, str]:
+        """The topics of the heating, without a stamp and with one."""
+        return self.command.topic, f'{self.command.topic}{SUFFIX}'
 
     @property
     def at_start(self) -> NDArray[np.float64]:

@@ -75,8 +75,9 @@ class ModuleSimulation:
         self._diagnostics = Diagnostics(node, f'simulated SMA {structure.name}')
         self._inputs.subscribe(node, self._commands, self._stamp_clock)
         owned = ['joint_states' if structure.coordinates else 'wire_states', *(['/clock'] if self._is_clock else [])]
-        command = self._inputs.command.topic
-        self._graph_check = GraphCheck(node, owned, self._inputs.topics, command, self._commands.subscriptions)
+        self._graph_check = GraphCheck(
+            node, owned, self._inputs.topics, self._inputs.command_topics, self._commands.subscriptions
+        )
         self._recent_overruns = RecentCount(OVERRUN_WINDOW)
         self._serve(node)
 

@@ -142,14 +142,15 @@ def test_what_is_taken_away_is_said_with_its_reason():
         assert one.seen['J_eq'][-1].data == 0.0  # the last that a robot hears
 
 
-def test_nothing_is_heated_while_another_node_commands_past_the_guard():
+@pytest.mark.parametrize(('kind', 'topic'), [(Float64, 'J_eq'), (JointState, 'J_eq_stamped')])
+def test_nothing_is_heated_while_another_node_commands_past_the_guard(kind, topic):
     """What it cannot limit it does not add to."""
     with ros_client.Simulation('-p', 'guard.silence:=2.0', topics=TOPICS, module=GUARD) as one:
         world = World(one)
         world.until_in_force(6.0)
-        other = one.node.create_publisher(Float64, 'J_eq', 10)
+        other = one.node.create_publisher(kind, topic, 10)
         world.until_in_force(0.0)
-        world.until(lambda: 'another node publishes J_eq past the guard' in status(one).message)
+        world.until(lambda: f'another node publishes {topic} past the guard' in status(one).message)
         assert '-r J_eq:=J_eq_requested' in status(one).message
         one.node.destroy_publisher(other)
         world.until_in_force(6.0)

@@ -194,8 +194,11 @@ def test_diagnostics_tell_of_the_command_and_its_publishers():
         status, values = diagnosed(one)
         assert status.level == DiagnosticStatus.WARN and values['command timeouts'] == '1'
         second = one.publisher(Float64, '/heater/power')
-        one.until(lambda: 'J_eq has several publishers' in diagnosed(one)[0].message)
+        one.until(lambda: 'the command has several publishers, on J_eq: the last' in diagnosed(one)[0].message)
         one.node.destroy_publisher(second)
+        stamped = one.publisher(JointState, 'J_eq_stamped')
+        one.until(lambda: 'several publishers, on J_eq and J_eq_stamped: the last' in diagnosed(one)[0].message)
+        one.node.destroy_publisher(stamped)
         command.publish(Float64(data=0.0))
         one.until(lambda: 'several' not in diagnosed(one)[0].message and diagnosed(one)[1]['command'] == 'timed out')
         assert 'timed out' not in diagnosed(one)[0].message  # it was zero
