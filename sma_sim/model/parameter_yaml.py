@@ -41,7 +41,25 @@ class NothingForNode(ConfigError):
     """A parameter file without a section for a node."""
 
 
-class Loader(yaml.SafeLoader):
+class UniqueKeys(yaml.SafeLoader):
+    """YAML in which no key of a mapping is there twice: Python would keep the last one alone, ROS joins them."""
+
+    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
+        """A mapping as it is written, before others are merged into it. Raises yaml.MarkedYAMLError."""
+        node: yaml.MappingNode = super().compose_mapping_node(anchor)
+        lines: dict[tuple[str, str], int] = {}
+        for key, _ in node.value:
+            name = key.tag, str(key.value)
+            if name in lines:
+                problem = (
+                    f'{key.value} is there twice, first in line {lines[name]}: expected it once, with all that belongs to it'
+                )
+                raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
+            lines[name] = key.start_mark.line + 1
+        return node
+
+
+class Loader(UniqueKeys):
     """YAML with the numbers of ROS: 3e9 and 3.0e9 are numbers (to YAML 1.1 texts), 1:30 and 2026-01-01 are texts."""
 
 

@@ -86,6 +86,7 @@ def test_wrong_meta(tmp_path, text, words):
         ('- a\n', 'expected lines such as'),
         ('a: [', 'is not YAML'),
         ('\x00', 'is not YAML'),
+        ('alpha_rad: a\nalpha_rad: b\n', 'alpha_rad is there twice, first in line 1'),
         ('alpha: a\n', 'unknown column alpha; did you mean alpha_rad'),
         ('system: robot\n', "got 'robot'"),
         ('system: wire\n', 'is for --system wire'),

@@ -55,6 +55,10 @@ GOOD = {
     ),
     'sections of others': (under('model: mas') + 'camera:\n  ros__parameters:\n    exposure: 3\n', {'model': 'mas'}),
     'plain mapping': ('wire: {E_A: 11.0e9}\nmodel: mas\n', {'wire.E_A': 11e9, 'model': 'mas'}),
+    'merged, and changed': (
+        under('wire: &w {n: 12.0, E_M: 7.0e9}') + f'{NAME}:\n  ros__parameters:\n    wire: {{<<: *w, E_M: 6.0e9}}\n',
+        {'wire.n': 12.0, 'wire.E_M': 6e9},
+    ),
     'anchor': (under('wire: {E_A: &E 11.0e9, E_M: *E}'), {'wire.E_M': 11e9}),
     'switch as word': (under('node.publish_clock: yes'), {'node.publish_clock': True}),
     'text that is a number': (under("node.joint_prefix: '12'"), {'node.joint_prefix': '12'}),
@@ -115,6 +119,12 @@ BAD = {
     'a text': ('hello\n', 'expected a mapping of parameters, got str'),
     'no YAML': ('/**: {ros__parameters: [\n', 'is not YAML'),
     'tabs': ('/**:\n\tros__parameters:\n', 'is not YAML'),
+    'a key twice': (
+        under('node:', '  J_max: 5.0', 'wire: {n: 10.0}', 'node:', '  command_timeout: 5.0'),
+        'is not YAML: line 6, column 5: node is there twice, first in line 3: expected it once, with all that belongs to it',
+    ),
+    'a quoted key twice': (under('wire: {n: 10.0, "n": 5.0}'), 'line 3, column 21: n is there twice, first in line 3'),
+    'a section twice': (under('model: mas') + under('beam.E: 3e9'), '/** is there twice, first in line 1'),
     'code': (under('beam.E: !!python/object/apply:os.system [ls]'), 'is not YAML'),
 }
 

@@ -16,6 +16,7 @@ from sma_sim.evidence.data.tables import MAX_NAMES
 from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
 from sma_sim.model.nearest import suggestion
+from sma_sim.model.parameter_yaml import UniqueKeys
 from sma_sim.model.shown import listed
 
 ENTRY_KEYS = ('column', 'value', 'scale', 'offset', 'exponent', 'zero_std', 'drift_std', 'floor', 'relative_std')
@@ -129,7 +130,7 @@ class ColumnMap:
 def entries_of_map(path: Path) -> dict[Any, Any]:
     """What a map says, as it is written. Raises UserError for what is no map."""
     try:
-        given = yaml.safe_load(path.read_text(encoding='utf-8-sig'))
+        given = yaml.load(path.read_text(encoding='utf-8-sig'), UniqueKeys)  # noqa: S506  a SafeLoader
     except OSError as error:
         raise UserError(f'cannot read the map {path}: {error.strerror}') from error
     except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
