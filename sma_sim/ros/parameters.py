@@ -61,7 +61,9 @@ def read_arguments(words: Sequence[str], name: str) -> Arguments:
             k += 2
             continue
         if of_ros and word in ('-p', '--param') and after is not None:
-            given.pop(after.partition(':=')[0].rpartition(':')[2], None)
+            whose, _, parameter = after.partition(':=')[0].rpartition(':')
+            if whose == '' or f'/{whose}' == node:  # as in rcl: of another node, or of one in a namespace, it says nothing
+                given.pop(parameter, None)
         left.append(word)
         k += 1
     if useless and not useful:

@@ -209,6 +209,23 @@ def test_the_later_argument_wins(context, tmp_path):
     assert (config.parameters['beam.E'], config.parameters['beam.L']) == (5e9, 0.12)
 
 
+@pytest.mark.parametrize(
+    ('words', 'J_max'),
+    [
+        (['-p', 'node.J_max:=7.0'], 7.0),
+        (['-p', f'{NAME}:node.J_max:=7.0'], 7.0),
+        (['-p', 'other_node:node.J_max:=30.0'], 5.0),
+        (['-r', '__ns:=/left', '-p', f'{NAME}:node.J_max:=30.0'], 5.0),
+        (['-r', '__node:=arm', '-p', f'{NAME}:node.J_max:=30.0'], 5.0),
+        (['-r', '__node:=arm', '-p', 'arm:node.J_max:=7.0'], 7.0),
+    ],
+)
+def test_what_is_given_to_another_node_leaves_the_file(context, tmp_path, words, J_max):
+    """rcl takes the word before a parameter for the full name of a node in no namespace."""
+    config, _, _ = of_node(context, *files(tmp_path, under('node: {J_max: 5.0}')), *words)
+    assert config.parameters['node.J_max'] == J_max
+
+
 def test_a_file_for_other_nodes_may_stand_beside_one_for_ours(context, tmp_path):
     other = 'camera:\n  ros__parameters:\n    exposure: 3\n'
     config, _, _ = of_node(context, *files(tmp_path, other, under('model: mas')))
