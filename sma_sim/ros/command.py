@@ -15,9 +15,8 @@ from sensor_msgs.msg import Temperature
 from std_msgs.msg import Float64, Float64MultiArray
 
 from sma_sim.evidence.data.display_units import ZERO_CELSIUS
-from sma_sim.evidence.data.rosbag.commands import clipped, refusal
+from sma_sim.evidence.data.rosbag.commands import ambient_refusal, clipped, refusal
 from sma_sim.evidence.data.rosbag.interface import PAIR_COMMAND, WIRE_COMMAND
-from sma_sim.model.program_parameters import DEFAULTS
 from sma_sim.model.structures.structure import Drive, Structure
 
 ENVIRONMENT = 'environment.T_E'
@@ -208,15 +207,13 @@ class Ambient:
 
     def accepted(self, message: Temperature) -> float | None:
         """The temperature [K] that a message tells, None for one out of range."""
-        low, high = DEFAULTS[ENVIRONMENT].bounds
-        kelvin = float(message.temperature) + ZERO_CELSIUS
-        if low <= kelvin <= high:
-            return kelvin
+        celsius = float(message.temperature)
+        reason = ambient_refusal(celsius)
+        if not reason:
+            return celsius + ZERO_CELSIUS
         self.rejected += 1
         self._logger.warning(
-            f'ambient_temperature = {message.temperature} deg C refused: expected {low - ZERO_CELSIUS:g} to '
-            f'{high - ZERO_CELSIUS:g} deg C',
-            throttle_duration_sec=WARNING_PERIOD,
+            f'ambient_temperature = {celsius} deg C refused: {reason}', throttle_duration_sec=WARNING_PERIOD
         )
         return None
 

@@ -12,7 +12,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64
 
-from sma_sim.evidence.data.rosbag.interface import APPLIED
+from sma_sim.evidence.data.rosbag.interface import AMBIENT, APPLIED
 from sma_sim.model.config import Config
 from sma_sim.ros.command import Ambient, SetPoint, heating_command
 from sma_sim.ros.inbox import Inbox
@@ -20,8 +20,6 @@ from sma_sim.ros.messages import Messages
 from sma_sim.ros.publishers import Publishers
 from sma_sim.ros.qos import LAST_FEW, make_subscription
 from sma_sim.ros.stamped import SUFFIX, StampedCommands
-
-AMBIENT = 'ambient_temperature'
 
 
 class Inputs:

@@ -12,8 +12,8 @@ from test_bags import MILLISECOND, joint_state, number, pair
 
 from sma_sim.cli.main import main
 from sma_sim.evidence.data.recordings import read_dataset
-from sma_sim.evidence.data.rosbag.commands import UNLIMITED, CommandLimits, in_force
-from sma_sim.evidence.data.rosbag.interface import FLOAT64, FLOAT64_ARRAY, JOINT_STATE
+from sma_sim.evidence.data.rosbag.commands import UNLIMITED, CommandLimits, ambient_refusal, in_force
+from sma_sim.evidence.data.rosbag.interface import FLOAT64, FLOAT64_ARRAY, JOINT_STATE, TEMPERATURE
 from sma_sim.evidence.data.rosbag.reader import read_bag
 from sma_sim.evidence.data.rosbag.writer import typestore
 from sma_sim.model.errors import UserError
@@ -23,9 +23,17 @@ SECOND = 10**9
 LATE = 2 * MILLISECOND  # of the recorder
 
 
-def bag(path, commands, seconds, topic='/J_eq', kind=FLOAT64, encode=number, log_of=lambda stamp: stamp):
-    """Joint states at 100 Hz and commands (time [s], value), by a recorder whose clock shows `log_of` a stamp [ns]."""
+def celsius(value):
+    types = typestore().types
+    header = types['std_msgs/msg/Header'](stamp=types['builtin_interfaces/msg/Time'](sec=0, nanosec=0), frame_id='')
+    message = types[TEMPERATURE](header=header, temperature=value, variance=0.0)
+    return bytes(typestore().serialize_cdr(message, TEMPERATURE))
+
+
+def bag(path, commands, seconds, topic='/J_eq', kind=FLOAT64, encode=number, log_of=lambda stamp: stamp, ambient=()):
+    """Joint states at 100 Hz, commands and ambient temperatures (time [s], value); `log_of` a stamp [ns] is its log time."""
     rows = [(round(t * SECOND), topic, encode(value)) for t, value in commands]
+    rows += [(round(t * SECOND), '/ambient_temperature', celsius(value)) for t, value in ambient]
     for k in range(round(100 * seconds) + 1):
         stamp = 10 * k * MILLISECOND
         rows.append((stamp, '/joint_states', joint_state(stamp + SECOND, [1e-5 * k, 0.0, 1e-4 * math.sin(0.1 * k)])))
@@ -34,6 +42,10 @@ def bag(path, commands, seconds, topic='/J_eq', kind=FLOAT64, encode=number, log
             '/joint_states': writer.add_connection('/joint_states', JOINT_STATE, typestore=typestore()),
             topic: writer.add_connection(topic, kind, typestore=typestore()),
         }
+        if ambient:
+            connections['/ambient_temperature'] = writer.add_connection(
+                '/ambient_temperature', TEMPERATURE, typestore=typestore()
+            )
         for stamp, name, cdr in sorted(rows, key=lambda row: log_of(row[0])):
             writer.write(connections[name], log_of(stamp) + 100 * SECOND, cdr)
     return path
@@ -117,6 +129,33 @@ def test_a_command_of_several_wires_is_refused_as_a_whole(tmp_path):
     assert changes_in(columns, 'J_1_W')[1].tolist() == [0.0, 1.0, 9.0]
     assert changes_in(columns, 'J_3_W')[1].tolist() == [0.0, 3.0, 9.0]
     assert len(notes) == 1 and notes[0].startswith('J: 3 commands refused')
+
+
+@pytest.mark.parametrize(
+    ('told', 'T_E', 'left'),
+    [
+        ([(0.5, 30.0), (1.0, 298.0), (2.0, math.nan), (3.0, 40.0)], [30.0, 40.0], 'the one before stays in force'),
+        ([(1.0, 298.0), (2.0, 299.0)], None, 'environment.T_E counts'),
+    ],
+)
+def test_an_ambient_temperature_in_kelvin_is_refused_as_a_robot_does(tmp_path, told, T_E, left):
+    path = bag(tmp_path / 'bag', [(0.1, 0.0)], 4.0, ambient=told)
+    columns = read_bag(path, None, None, UNLIMITED, notes := [])
+    assert ('T_E_K' in columns) == (T_E is not None)
+    assert T_E is None or np.unique(columns['T_E_K']) == pytest.approx(np.add(T_E, 273.15))
+    assert notes == [
+        'ambient_temperature: 2 messages refused, the first at 1 s: 298 deg C, expected -123.15 deg C to less than 150; '
+        f'298 K are 24.85 deg C (where it is so hot, set environment.T_E, in kelvin); {left}'
+    ]
+
+
+@pytest.mark.parametrize(
+    ('temperature', 'accepted'),
+    [(-123.1, True), (25.0, True), (149.9, True), (150.0, False), (298.0, False), (-123.2, False), (3000.0, False)],
+)
+def test_a_number_that_can_be_kelvin_is_no_ambient_temperature_in_celsius(temperature, accepted):
+    reason = ambient_refusal(temperature)
+    assert (reason == '') == accepted and ('K are' in reason) == (150.0 <= temperature <= 2000.0)
 
 
 def test_what_a_robot_has_applied_needs_no_rules(tmp_path):

@@ -121,12 +121,13 @@ def test_ambient_temperature_and_namespace():
         seen = one.seen['wire_2/temperature']
         one.until(lambda: seen, ros_client.FIRST_MESSAGE)
         assert seen[0].temperature == pytest.approx(298.0 - 273.15)
-        ambient.publish(Temperature(temperature=-400.0))
+        for refused in (298.0, -400.0):
+            ambient.publish(Temperature(temperature=refused))
         ambient.publish(Temperature(temperature=40.0))
         one.until(lambda: abs(seen[-1].temperature - 40.0) < 0.5)
         code, log = one.stop()
-    assert code == 0
-    assert 'ambient_temperature = -400.0 deg C refused' in log
+    assert code == 0 and max(message.temperature for message in seen) < 41.0
+    assert 'ambient_temperature = 298.0 deg C refused: ' in log and '298 K are 24.85 deg C' in log
 
 
 def test_sensing_effect_shows_both_poses(tmp_path):

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.model.arrays import Vector
+from sma_sim.model.parameters import ZERO_CELSIUS
 from sma_sim.model.program_parameters import DEFAULTS
 
 Times = NDArray[np.int64]
@@ -51,6 +52,21 @@ def refusal(J: Sequence[float], count: int, signed: bool, sizes: Sequence[int] =
     if not signed and min(J) < 0.0:
         return 'expected no negative number: a wire is heated or it is not'
     return ''
+
+
+def ambient_refusal(celsius: float) -> str:
+    """Why a robot refuses a message with an ambient temperature [deg C]; empty where it does not.
+
+    As in files a number that is too small for kelvin is in deg C, so one that can be kelvin is no message in deg C.
+    """
+    low, high = DEFAULTS['environment.T_E'].bounds
+    if low - ZERO_CELSIUS <= celsius < low:
+        return ''
+    expected = f'expected {low - ZERO_CELSIUS:g} deg C to less than {low:g}'
+    if not low <= celsius <= high:
+        return expected
+    meant = f'{celsius:g} K are {celsius - ZERO_CELSIUS:g} deg C'
+    return f'{expected}; {meant} (where it is so hot, set environment.T_E, in kelvin)'
 
 
 def clipped(J: float, J_max: float) -> float:

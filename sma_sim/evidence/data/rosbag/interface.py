@@ -25,7 +25,7 @@ INTERFACE = 'interface'  # of a bag, in what it says of itself
 APPLIED = '_applied'  # after the name of a command: what is in force
 PAIR_COMMAND, WIRE_COMMAND = 'J_eq', 'J'  # topics of the heating: of an antagonistic pair, of every wire
 SINGLE_CHANNELS = {'stress': 'wire_stresses', 'strain': 'wire_strains'}  # topics of what is measured on a test bench
-RESISTANCES = 'wire_resistances'
+RESISTANCES, AMBIENT = 'wire_resistances', 'ambient_temperature'
 
 # The columns, (k,) each, of k messages that agree in all but numbers, as `cdr` gives them.
 Decode = Callable[[Any], Mapping[str, Vector]]
@@ -141,7 +141,7 @@ def command_decoders(of: Interface) -> Decoders:
     for name, column in of.drives.items():
         found[f'{name}{APPLIED}'] = found[name] = (FLOAT64, number_decoder(column))
     found['T_E_applied'] = (FLOAT64, number_decoder('T_E_K'))
-    found['ambient_temperature'] = (TEMPERATURE, temperature_decoder('T_E_K'))
+    found[AMBIENT] = (TEMPERATURE, temperature_decoder('T_E_K'))
     return found
 
 

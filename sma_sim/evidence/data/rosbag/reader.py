@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.evidence.data.rosbag.cdr import decoded_together
-from sma_sim.evidence.data.rosbag.commands import UNLIMITED, CommandLimits, Times, in_force
+from sma_sim.evidence.data.rosbag.commands import UNLIMITED, CommandLimits, Times, ambient_refusal, in_force
 from sma_sim.evidence.data.rosbag.interface import (
+    AMBIENT,
     APPLIED,
     FLOAT64_ARRAY,
     INTERFACE,
@@ -38,6 +39,7 @@ from sma_sim.evidence.data.rosbag.raw_messages import Bag, open_bag
 from sma_sim.evidence.data.rosbag.writer import typestore
 from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
+from sma_sim.model.parameters import ZERO_CELSIUS
 from sma_sim.model.structures.discovery import package_structures
 from sma_sim.model.structures.structure import Structure
 
@@ -104,6 +106,7 @@ def columns_of_bag(
     times = message_times(series, 'epoch' in bag.about, measured, notes)
     zero = int(bag.about['epoch']) if 'epoch' in bag.about else min(int(t[0]) for t in times.values())
     apply_command_rules(series, times, zero, interface, limits, notes)
+    leave_out_refused_ambient(series, times, zero, notes)
     return columns_from_series(series, times, zero, interface)
 
 
@@ -286,6 +289,27 @@ def apply_command_rules(
         notes.append(f'{words}, {first(off)}: heating off until the next one (0: the robot has no timeout)')
     times[topic] = changes
     asked.values = dict(zip(columns, powers.T, strict=True))
+
+
+def leave_out_refused_ambient(
+    series: dict[str, TopicSeries], times: Mapping[str, Times], zero: int, notes: list[str]
+) -> None:
+    """Leave out ambient temperatures that a robot refuses, where the bag does not tell what was in force."""
+    if AMBIENT not in series or 'T_E_applied' in series:
+        return
+    values = series[AMBIENT].values['T_E_K']
+    reasons = [ambient_refusal(celsius) for celsius in (values - ZERO_CELSIUS).tolist()]
+    refused = np.array([bool(reason) for reason in reasons])
+    if not refused.any():
+        return
+    first = int(refused.argmax())
+    at = f'{(int(times[AMBIENT][first]) - zero) / 1e9:.6g} s'
+    left = 'environment.T_E counts' if refused.all() else 'the one before stays in force'
+    got = f'{values[first] - ZERO_CELSIUS:g} deg C, {reasons[first]}'
+    notes.append(f'{AMBIENT}: {refused.sum()} messages refused, the first at {at}: {got}; {left}')
+    values[refused] = np.nan
+    if refused.all():
+        del series[AMBIENT]
 
 
 def snapped(times: NDArray[np.int64], stamps: NDArray[np.int64], reach: float) -> NDArray[np.int64]:
