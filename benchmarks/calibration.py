@@ -63,7 +63,8 @@ from sma_sim.evidence.model_selection.model_changes import with_candidate
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fit
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.evidence.search.posterior import Posterior
-from sma_sim.evidence.search.score import SPARSITY, Evidence, evidence_of
+from sma_sim.evidence.search.prior import SPARSITY
+from sma_sim.evidence.search.score import Evidence, evidence_of
 from sma_sim.model.config import Config
 from sma_sim.model.effects.conversion import effect_on
 from sma_sim.model.effects.discovery import ActiveEffect, find_effects

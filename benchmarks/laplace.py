@@ -46,7 +46,8 @@ from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, FROM_PRIORS
 from sma_sim.evidence.model_selection.candidates import Candidate, candidates_for
 from sma_sim.evidence.model_selection.model_changes import with_candidate
 from sma_sim.evidence.model_selection.score_tests import at_finite_step
-from sma_sim.evidence.search.score import Evidence, evidence_of, prior_of_values
+from sma_sim.evidence.search.prior import prior_of_values
+from sma_sim.evidence.search.score import Evidence, evidence_of
 from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.solver.simulate import SimulationError
 

@@ -13,7 +13,7 @@ from sma_sim.evidence.monitoring.live_criteria import BIN, SPAN
 from sma_sim.evidence.monitoring.live_diagnosis import CHANGE, INSTANTS, LiveDiagnosis
 from sma_sim.evidence.monitoring.live_model import ComparedSample, InputChange
 from sma_sim.evidence.monitoring.past import Prior, Window, continued, shifted
-from sma_sim.evidence.search.score import UNLISTED
+from sma_sim.evidence.search.prior import UNLISTED
 from sma_sim.solver.inputs import Input
 
 NOISE = {'U_x': 2e-6, 'U_y': 2e-5, 'alpha': 3.5e-4}

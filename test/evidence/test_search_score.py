@@ -31,16 +31,9 @@ from sma_sim.evidence.search import beam, refine
 from sma_sim.evidence.search.beam import Book, Extension, parents
 from sma_sim.evidence.search.components import Catalogue, Component, catalogue_for, log_prior_of
 from sma_sim.evidence.search.posterior import not_fitted, posterior_of
+from sma_sim.evidence.search.prior import EVEN_PRECISION, SPARSITY, UNLISTED, prior_of_values
 from sma_sim.evidence.search.refine import REFITTED, WINDOW, Model
-from sma_sim.evidence.search.score import (
-    EVEN_PRECISION,
-    SPARSITY,
-    UNLISTED,
-    Evidence,
-    evidence_of,
-    prior_of_values,
-    unlisted_evidence,
-)
+from sma_sim.evidence.search.score import Evidence, evidence_of, unlisted_evidence
 from sma_sim.evidence.search.steps import in_place_of
 
 SHARED, OWN, CHANNELS, SAMPLES = 2, 1, 2, 8  # of a linear problem: unknowns of all runs, and of each

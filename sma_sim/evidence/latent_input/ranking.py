@@ -28,7 +28,8 @@ from sma_sim.evidence.latent_input.inference import (
     schur_complement,
     squares_in_gaps,
 )
-from sma_sim.evidence.search.score import SPARSITY, UNLISTED, log_sum
+from sma_sim.evidence.search.prior import SPARSITY, UNLISTED
+from sma_sim.evidence.search.score import log_sum
 from sma_sim.model.arrays import Matrix, Vector
 
 JobResult = TypeVar('JobResult')

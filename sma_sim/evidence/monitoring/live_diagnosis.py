@@ -66,8 +66,8 @@ from sma_sim.evidence.monitoring.live_criteria import (
 )
 from sma_sim.evidence.monitoring.live_model import ComparedSample
 from sma_sim.evidence.monitoring.past import Past, Prior, Track, Window
+from sma_sim.evidence.search.prior import SPARSITY, UNLISTED
 from sma_sim.evidence.search.refine import TIE
-from sma_sim.evidence.search.score import SPARSITY, UNLISTED
 from sma_sim.evidence.state_estimation.uncertain import configured, prior_correlation, uncertain_parameters
 from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import Config

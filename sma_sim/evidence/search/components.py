@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import log
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from sma_sim.evidence.model_selection.candidates import Candidate, candidates_fo
 from sma_sim.evidence.model_selection.model_changes import with_candidate
 from sma_sim.evidence.model_selection.score_tests import ScreeningResult
 from sma_sim.evidence.model_selection.variants import variants_of
-from sma_sim.evidence.search.score import SPARSITY, UNLISTED
+from sma_sim.evidence.search.prior import UNLISTED, difference_log_prior, effect_log_prior
 from sma_sim.evidence.symbolic_regression.term_fits import TermFit
 from sma_sim.model.arrays import Vector
 from sma_sim.model.effects.ports import ACTUATION, PORT_NAMES
@@ -25,7 +24,6 @@ from sma_sim.model.effects.scope import SEPARATOR
 from sma_sim.solver.inputs import Input
 
 NEUTRAL = 1e-9  # distance from a neutral value, in standard deviations of the prior, that is rounding
-NO_ZEROS = 10  # beside one zero: several, ambient, motion before, late or rounded commands, 3 parameters, unpowered sides
 
 
 @dataclass(frozen=True)
@@ -105,15 +103,14 @@ class Catalogue:
         """Of one effect, or of it in one of its scopes."""
         plain = candidate.effect.plain_name
         scopes = sum(other.effect.plain_name == plain for other in self.variants)
-        share = log(max(1, scopes)) if candidate.effect.scope.name else 0.0
-        return -SPARSITY - log(len(self.effects)) - share
+        return effect_log_prior(len(self.effects), scopes if candidate.effect.scope.name else 1)
 
     def form(self, screened: ScreeningResult, law: Component, forms: int, fit: FitResult) -> Component:
         """Another form of the law of a component, one of so many `forms`, from its fitted values; no list has it."""
         found = screened.candidate.effect
         own = {p.name: float(p.neutral) for p in found.parameters if p.neutral is not None}
         values = own | fit.values_of(law.effect) | dict(screened.values)
-        log_prior = -SPARSITY - UNLISTED - log(len(self.effects)) - log(forms)
+        log_prior = effect_log_prior(len(self.effects), forms) - UNLISTED
         return Component(found.name, log_prior, replace(screened, values=values))
 
     def component(self, screened: ScreeningResult) -> Component:
@@ -141,16 +138,9 @@ def is_powered(source: Input) -> bool:
 
 
 def difference_component(difference: RecordingDifference, problem: Problem) -> Component:
-    """What differs between recordings, among all kinds of it: zeros of one channel or of any several, which drift or do not,
-    ambient temperature, late commands, rounded ones, power of a side."""
+    """What differs between recordings."""
     channels = len({name for run in problem.runs for name in run.channels})
-    which = channels * log(2.0) if len(difference.zeros) > 1 else 0.0
-    return Component(difference.words, -SPARSITY - log(2 * channels + NO_ZEROS) - which, difference)
-
-
-def formula_log_prior(terms: int, locations: int) -> float:
-    """Of one term of an equation, among those of its place and all places."""
-    return -SPARSITY - UNLISTED - log(max(1, terms)) - log(max(1, locations))
+    return Component(difference.words, difference_log_prior(channels, len(difference.zeros) > 1), difference)
 
 
 def log_prior_of(components: Sequence[Component]) -> float:

@@ -17,7 +17,8 @@ from sma_sim.evidence.model_selection.candidates import Candidate
 from sma_sim.evidence.model_selection.differing_recordings import promises
 from sma_sim.evidence.model_selection.score_tests import ScoreTests, ScreeningResult, at_finite_step, screen
 from sma_sim.evidence.model_selection.variants import forms_of
-from sma_sim.evidence.search.components import Catalogue, Component, difference_component, formula_log_prior, log_prior_of
+from sma_sim.evidence.search.components import Catalogue, Component, difference_component, log_prior_of
+from sma_sim.evidence.search.prior import formula_log_prior
 from sma_sim.evidence.search.refine import Model
 from sma_sim.evidence.symbolic_regression.formula import Formula, as_candidate
 from sma_sim.evidence.symbolic_regression.term_fits import terms_at

@@ -15,18 +15,16 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
-from math import exp, inf, log, log1p, pi
+from math import exp, inf
 
 import numpy as np
 from scipy.fft import dct
 from scipy.linalg import LinAlgError
 
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.free_parameters import declared_parameters
 from sma_sim.evidence.estimation.levenberg_marquardt import bounded_step
 from sma_sim.evidence.estimation.noise_at_rest import pace
 from sma_sim.evidence.estimation.overdispersion import measured, overdispersion_of
-from sma_sim.evidence.estimation.plausibility import realistic_range
 from sma_sim.evidence.estimation.problem import (
     LinearizedRun,
     NormalEquations,
@@ -38,16 +36,9 @@ from sma_sim.evidence.estimation.problem import (
 from sma_sim.evidence.estimation.residuals import FitData, elapsed
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.search.bounded_integral import log_bounded_integral
+from sma_sim.evidence.search.prior import SPARSITY, UNLISTED, prior_of_values
 from sma_sim.model.arrays import Mask, Matrix, Vector
 
-SPARSITY = 3.0
-"""Minus the log prior probability of any one component, beside that of which one it is: a model as it is used in practice
-lacks nothing that shows with a probability of about 95 %. It is the one constant that decides between a simple model and a
-rich one; benchmarks/calibration.py shows what it does."""
-UNLISTED = 2.0
-"""Further nats against what no list has: of what has been found missing in such robots, most is known by name."""
-TAIL = 0.1  # of a realistic range: literature is not sharper, and robots differ
-EVEN_PRECISION = 1e-6  # of a normal prior that stands for an even one: its bounds are a thousandth of its width apart
 MAX_LOG_ODDS = 700.0  # of which exp is still a number
 ROUNDING = 1e-6  # of squares, by which what derivatives promise of them is wrong at most
 AMPLITUDES = np.geomspace(0.1, 1000.0, 17)  # of an unlisted function, in units of the noise
@@ -185,30 +176,6 @@ def probabilities(evidences: Sequence[Evidence]) -> list[float]:
     scores = np.array([evidence.score(k) for evidence in evidences])
     weights = np.exp(scores - scores.max())
     return list((weights / weights.sum()).tolist())
-
-
-def prior_of_values(problem: Problem, z: Vector) -> tuple[Vector, Vector, Vector, float]:
-    """The prior of all unknowns about z: bounds (n,), precision of the normal prior (n,), and the log density there of those
-    whose prior is even, over that of a standard normal one in its middle.
-
-    Values of effects are as probable all over what literature calls realistic, with heavy tails beyond, so that others
-    cost nats and are not forbidden: with W the width of the range in z, d the distance beyond it and w = TAIL W the density
-    is (1 + d/w)^-2/(W (1 + 2 TAIL)). About a z in the range it is taken to be even as far as w beyond.
-    """
-    declared, (low, high) = declared_parameters(problem.config), problem.limits()
-    precision, log_density = np.ones(len(z)), 0.0
-    for j, (free, at) in enumerate(zip(problem.free, z.tolist(), strict=False)):
-        between = realistic_range(declared[free.name])
-        if between is None or not free.name.startswith('effects.'):
-            continue
-        first, last = (free.coordinate(value) if value > 0.0 or not free.log else free.low for value in between)
-        tail = TAIL * (last - first)
-        precision[j] = EVEN_PRECISION
-        log_density += 0.5 * log(2.0 * pi) - log(last - first + 2.0 * tail)
-        log_density -= 2.0 * log1p(max(first - at, at - last, 0.0) / tail)
-        if first - tail <= at <= last + tail:
-            low[j], high[j] = max(low[j], first - tail), min(high[j], last + tail)
-    return low, high, precision, log_density
 
 
 def profiled_information(problem: Problem) -> tuple[Vector, ...]:

@@ -9,7 +9,7 @@ import { showHistory } from './history.js';
 import { RobotView } from './live.js';
 import { RecordingsView } from './recordings.js';
 import { Stages } from './stages.js';
-import { ask } from './wire.js';
+import { ask } from './requests.js';
 
 const part = (id) => document.getElementById(id);
 const page = {

@@ -2,7 +2,7 @@
 
 import { Chart } from './chart.js';
 import { element } from './controls.js';
-import { ask } from './wire.js';
+import { ask } from './requests.js';
 
 const PERIOD = 300; // [ms] between two questions
 const SHOWN = 60; // [s]

@@ -3,7 +3,7 @@
 import { Chart } from './chart.js';
 import { element } from './controls.js';
 import { digits, errorCell, showRegion, table } from './results.js';
-import { ask } from './wire.js';
+import { ask } from './requests.js';
 
 const part = (id) => document.getElementById(id);
 const SHOWN_AT_FIRST = 3; // runs

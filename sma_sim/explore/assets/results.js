@@ -1,7 +1,7 @@
 // What came out of a step, as tables, figures and sentences.
 
 import { element, shifted } from './controls.js';
-import { drawCost, drawErrors, errorAt, figure, listen } from './figures.js';
+import { drawCost, drawErrors, errorAt, figure, listen } from './step_figures.js';
 
 export const digits = (value, count = 4) => (value === null || value === undefined ? '\u2013' : String(Number(value.toPrecision(count))).replace('-', '\u2212'));
 

@@ -5,7 +5,7 @@ import { element } from './controls.js';
 import { keepFocus } from './focus.js';
 import { duration, redrawFigure, showCandidatesSoFar, showExport, showResult } from './results.js';
 import { PURPOSES, TITLES, nextStep, partDone, showSteps } from './steps.js';
-import { ask } from './wire.js';
+import { ask } from './requests.js';
 
 const part = (id) => document.getElementById(id);
 const PERIOD = 400, AFTER_FAILURE = 2000; // [ms] between two questions about a step that runs
