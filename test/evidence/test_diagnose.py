@@ -353,7 +353,9 @@ def test_a_held_out_run_beyond_what_the_fitted_ones_tell_is_no_effect(tmp_path):
     assert found.verdict == 'none' and found.effects == () and found.stages[-1].held_out > 1.3
     pooled = found.pooled_errors
     assert pooled is not None and max(pooled.train, pooled.held_out) < 1.05
-    assert as_data(found)['fitted_together'] == {'train': pooled.train, 'held_out': pooled.held_out, 'ambient': {}}
+    together = as_data(found)['fitted_together']
+    assert together['train'] == pooled.train and together['held_out'] == pooled.held_out and together['ambient'] == {}
+    assert together['unlisted'] == pooled.unlisted < 0.1
     assert any(line.startswith('The held-out runs depend on parameters') for line in as_text(found))
     write_diagnosis_page(tmp_path / 'why.html', reviewed(found, weakly_driven, None, config()))
     assert 'except in runs that one model explains together' in (tmp_path / 'why.html').read_text()
