@@ -21,7 +21,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
 from sma_sim.evidence.control.pi import PI
-from sma_sim.ros.command_session import CommandSession
+from sma_sim.ros.last_command import CommandSession
 
 JOINT = 'alpha'
 PARAMETERS = {  # name: default, smallest, largest, unit, whether it can be changed while running

@@ -11,7 +11,7 @@ import sys
 from rclpy.node import Node
 from std_msgs.msg import Float64
 
-from sma_sim.ros.command_session import CommandSession
+from sma_sim.ros.last_command import CommandSession
 
 
 class SineTarget(Node):

@@ -12,7 +12,7 @@ from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64
 
-from sma_sim.ros.command_session import CommandSession
+from sma_sim.ros.last_command import CommandSession
 
 STEP, BEGIN, END, STOP = 12.0, 1.0, 8.0, 14.0  # [W], [s]
 COLUMNS = ('time_s', 'J_eq_W', 'U_x_m', 'U_y_m', 'alpha_rad', 'T_1_K', 'T_2_K')

@@ -19,7 +19,7 @@ from std_msgs.msg import Float64
 
 from sma_sim.report.palette import BLUE, GREY, ORANGE, RED
 from sma_sim.report.style import axes_of, save, sized_figure
-from sma_sim.ros.command_session import CommandSession
+from sma_sim.ros.last_command import CommandSession
 
 NAMESPACE = '/tracking'
 STEPS = ((0.0, 0.0), (2.0, 4.0), (17.0, -6.0), (37.0, 2.0))  # from [s], angle [deg]

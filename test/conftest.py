@@ -30,7 +30,7 @@ hypothesis.settings.load_profile('any machine')
 # Files that take twenty seconds and more, the longest first; those that mostly wait in turns with those that compute: with
 # more than twice as many workers as processors, some of them wait while the others compute.
 FIRST = (
-    'test_command_session',
+    'test_last_command',
     'test_live_diagnosis',
     'test_diagnose',
     'test_set_up',

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from sma_sim.cli.common.commands import add_command
-from sma_sim.cli.common.options import folders_beside
+from sma_sim.cli.common.config_options import folders_beside
 from sma_sim.evidence.data.tables import check_writable, write_whole
 from sma_sim.model.config import read_config
 from sma_sim.model.errors import UserError

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from sma_sim.cli.common.commands import add_command
-from sma_sim.cli.common.options import add_namespace_option
+from sma_sim.cli.common.config_options import add_namespace_option
 from sma_sim.cli.common.recorded_parameters import recorded_parameters
-from sma_sim.evidence.data.rosbag.raw_messages import open_bag, repair
 from sma_sim.evidence.data.rosbag.reader import read_bag
 from sma_sim.evidence.data.rosbag.run_writer import interface_of_columns, write_mcap
+from sma_sim.evidence.data.rosbag.salvage import open_bag, repair
 from sma_sim.evidence.data.tables import check_writable, read_columns, read_header, write_columns
 from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError

@@ -13,7 +13,7 @@ from sma_sim.challenge.files import NOMINAL_FILE, WRITERS, check_new, open_answe
 from sma_sim.challenge.make import DEFAULT_DURATION, DEFAULT_RATE, MIN_RUNS, RecordingPlan, make_challenge
 from sma_sim.challenge.score import VerdictScore, read_verdict, score_verdict
 from sma_sim.cli.common.commands import add_command
-from sma_sim.cli.common.options import announce_first_compilation
+from sma_sim.cli.common.config_options import announce_first_compilation
 
 
 def add_parser(verbs: Any) -> None:

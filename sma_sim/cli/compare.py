@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from sma_sim.cli.common.commands import add_command, add_kinetics
-from sma_sim.cli.common.data import (
+from sma_sim.cli.common.config_options import add_overriding_options, announce_first_compilation, noted
+from sma_sim.cli.common.recording_options import (
     add_beginning_option,
     add_data_options,
     check_outputs,
@@ -20,7 +21,6 @@ from sma_sim.cli.common.data import (
     system_words,
     write_json,
 )
-from sma_sim.cli.common.options import add_overriding_options, announce_first_compilation, noted
 from sma_sim.evidence.residual_analysis.compare import compare
 from sma_sim.evidence.residual_analysis.metrics import total_error
 from sma_sim.evidence.residual_analysis.paired_comparison import ErrorChange, error_changes

@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 from sma_sim.cli.common.commands import add_command
-from sma_sim.cli.common.options import announce_first_compilation
+from sma_sim.cli.common.config_options import announce_first_compilation
 from sma_sim.compiler.compile import cache_folder, content_key, is_interpreted
 from sma_sim.evidence.control.predictive import PredictiveController
 from sma_sim.evidence.state_estimation.observer import Observer

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from sma_sim.cli.common.commands import add_command
-from sma_sim.cli.common.data import (
+from sma_sim.cli.common.config_options import add_config_options, announce_first_compilation, folders_beside
+from sma_sim.cli.common.recording_options import (
     EXIT_INTERRUPTED,
     add_data_options,
     add_limit_option,
@@ -21,7 +22,6 @@ from sma_sim.cli.common.data import (
     provenance_of,
     write_json,
 )
-from sma_sim.cli.common.options import add_config_options, announce_first_compilation, folders_beside
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis, diagnose
 from sma_sim.evidence.diagnosis.review import reviewed

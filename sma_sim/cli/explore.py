@@ -11,8 +11,8 @@ from threading import Thread
 from typing import Any
 
 from sma_sim.cli.common.commands import add_command, add_kinetics
-from sma_sim.cli.common.data import add_recording_options, data_request
-from sma_sim.cli.common.options import add_config_options
+from sma_sim.cli.common.config_options import add_config_options
+from sma_sim.cli.common.recording_options import add_recording_options, data_request
 from sma_sim.explore.application import Application
 from sma_sim.explore.server import PageServer
 from sma_sim.explore.session import Session, Start, open_session

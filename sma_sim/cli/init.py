@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sma_sim.cli.common.commands import add_command
-from sma_sim.cli.common.options import add_config_options, announce_first_compilation, folders_beside
+from sma_sim.cli.common.config_options import add_config_options, announce_first_compilation, folders_beside
 from sma_sim.evidence.data.display_units import ZERO_CELSIUS
 from sma_sim.evidence.data.tables import check_writable, write_whole
 from sma_sim.model.config import Config, read_config

@@ -6,7 +6,8 @@ import argparse
 from typing import Any
 
 from sma_sim.cli.common.commands import add_command
-from sma_sim.cli.common.data import (
+from sma_sim.cli.common.config_options import add_config_options, announce_first_compilation
+from sma_sim.cli.common.recording_options import (
     EXIT_INTERRUPTED,
     add_beginning_option,
     add_data_options,
@@ -19,7 +20,6 @@ from sma_sim.cli.common.data import (
     report_path,
     write_json,
 )
-from sma_sim.cli.common.options import add_config_options, announce_first_compilation
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.latent_input.latent_search import LatentRequest, estimate_latent_inputs
 from sma_sim.model.shown import text_table

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from sma_sim.cli.common.commands import add_command
-from sma_sim.cli.common.data import (
+from sma_sim.cli.common.config_options import add_config_options, announce_first_compilation
+from sma_sim.cli.common.recording_options import (
     EXIT_INTERRUPTED,
     add_beginning_option,
     add_data_options,
@@ -20,7 +21,6 @@ from sma_sim.cli.common.data import (
     provenance_of,
     write_json,
 )
-from sma_sim.cli.common.options import add_config_options, announce_first_compilation
 from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.data.tables import write_columns
 from sma_sim.evidence.experiment_design.curves import hypothesis_curves

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from sma_sim.cli.common.commands import add_command, print_notes
-from sma_sim.cli.common.data import add_reading_options, noise_from, print_written, system_words
-from sma_sim.cli.common.options import add_config_options, announce_first_compilation, config_from
+from sma_sim.cli.common.config_options import add_config_options, announce_first_compilation, config_from
+from sma_sim.cli.common.recording_options import add_reading_options, noise_from, print_written, system_words
 from sma_sim.evidence.data.tables import check_writable, write_columns
 from sma_sim.evidence.state_estimation.offline import observe_recording
 from sma_sim.model.errors import UserError

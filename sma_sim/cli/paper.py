@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from sma_sim.cli.common.commands import add_command
-from sma_sim.cli.common.options import announce_first_compilation
+from sma_sim.cli.common.config_options import announce_first_compilation
 from sma_sim.model.errors import UserError
 from sma_sim.report.paper import FIGURES, PAGE, write_paper
 from sma_sim.solver.paper_experiments import repeat_paper

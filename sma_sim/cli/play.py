@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from sma_sim.cli.common.commands import add_command
+from sma_sim.cli.common.config_options import add_config_options, add_namespace_option, config_from
 from sma_sim.cli.common.input_files import read_input
-from sma_sim.cli.common.options import add_config_options, add_namespace_option, config_from
 from sma_sim.evidence.data.rosbag.bag_files import is_bag
 from sma_sim.evidence.data.rosbag.interface import PAIR_COMMAND, Interface, interface_of
 from sma_sim.evidence.data.rosbag.reader import interface_of_robot, read_bag

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from sma_sim.cli.common.commands import add_command
-from sma_sim.cli.common.options import add_namespace_option
+from sma_sim.cli.common.config_options import add_namespace_option
 from sma_sim.evidence.data.rosbag.bag_files import is_bag
 from sma_sim.evidence.data.tables import check_writable, read_columns, read_header
 from sma_sim.model.arrays import Vector

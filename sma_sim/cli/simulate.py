@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from sma_sim.cli.common.commands import add_command, add_kinetics, print_notes
+from sma_sim.cli.common.config_options import add_config_options, add_namespace_option, announce_first_compilation
 from sma_sim.cli.common.input_files import read_input_file
-from sma_sim.cli.common.options import add_config_options, add_namespace_option, announce_first_compilation
 from sma_sim.cli.common.recorded_parameters import config_for_replay
 from sma_sim.evidence.data.rosbag.bag_files import is_bag
 from sma_sim.evidence.data.tables import check_writable, write_columns, write_rows

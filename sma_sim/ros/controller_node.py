@@ -2,7 +2,7 @@
 
 Times are those of the stamps of joint_states, so that the loop is the same at any real-time factor, and go on where a clock
 is set. Before there is a target nothing is commanded. Whatever stops it, but SIGKILL or a crash, leaves a command of zero
-behind, as all programs that command a robot do (`ros.command_session`).
+behind, as all programs that command a robot do (`ros.last_command`).
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from sma_sim.evidence.control.predictive import PredictiveController
 from sma_sim.evidence.data.rosbag.interface import PAIR_COMMAND, interface_of
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
-from sma_sim.model.unit_mismatch import REACH
+from sma_sim.model.expected_units import REACH
 from sma_sim.ros.command import ENVIRONMENT
-from sma_sim.ros.command_session import WARNING, LastMessage, publish_last
 from sma_sim.ros.control import Diagnostics
 from sma_sim.ros.entry import model_description
 from sma_sim.ros.graph_check import GraphCheck
 from sma_sim.ros.guard_node import REQUESTED
 from sma_sim.ros.joint_path import Held, JointPath, RefusedError, check
+from sma_sim.ros.last_command import WARNING, LastMessage, publish_last
 from sma_sim.ros.messages import Messages
 from sma_sim.ros.parameters import follow_live_parameters
 from sma_sim.ros.qos import LAST_FEW, make_publisher, make_subscription

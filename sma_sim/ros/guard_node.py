@@ -2,7 +2,7 @@
 
 It publishes a command for every estimate that `sma_observer` publishes, less and less while the next one does not come, and
 zero whenever the controller, the robot or the observer is silent. Whatever stops it, but SIGKILL or a crash, leaves
-a command of zero behind, as all programs that command a robot do (`ros.command_session`); after those the robot's own
+a command of zero behind, as all programs that command a robot do (`ros.last_command`); after those the robot's own
 `node.command_timeout` must.
 """
 
@@ -34,9 +34,9 @@ from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.structure import numbers, record
 from sma_sim.ros.command import ENVIRONMENT, Ambient, asked_for, shown
-from sma_sim.ros.command_session import WARNING, LastMessage, publish_last
 from sma_sim.ros.control import DIAGNOSTICS_PERIOD, Diagnostics
 from sma_sim.ros.graph_check import GraphCheck
+from sma_sim.ros.last_command import WARNING, LastMessage, publish_last
 from sma_sim.ros.messages import Messages, seconds_of
 from sma_sim.ros.observer_node import PREFIX, estimated_topics
 from sma_sim.ros.parameters import follow_live_parameters

@@ -15,8 +15,8 @@ from std_msgs.msg import Float64, Float64MultiArray
 from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
 from sma_sim.model.progress import ProgressLine
-from sma_sim.ros.command_session import CommandSession
 from sma_sim.ros.inbox import clock_inbox
+from sma_sim.ros.last_command import CommandSession
 
 PLAYER_NODE = 'sma_play'
 REPEAT_PERIOD = 0.1  # [s] after which a held command is sent again, so that no timeout turns the heating off

@@ -14,10 +14,10 @@ from sma_sim.model.config import Config
 from sma_sim.model.effects.meaning import idle_effects
 from sma_sim.model.effects.ports import call_effect
 from sma_sim.model.errors import PhysicsWarning
+from sma_sim.model.expected_units import mismatch_of
 from sma_sim.model.layout import O_S_A, O_S_M, Evaluation, InputPoint, System
 from sma_sim.model.material import heat_capacity
 from sma_sim.model.system import flow
-from sma_sim.model.unit_mismatch import mismatch_of
 from sma_sim.solver.effect_table import acting_order, own_scratch
 from sma_sim.solver.inputs import Input
 from sma_sim.solver.integrate import COMPLETED, NOT_FINITE, RATE_NOT_FINITE, REASONS, STALLED, STEP_UNDERFLOW, Run

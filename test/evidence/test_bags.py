@@ -13,9 +13,9 @@ from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from sma_sim import Model, UserError, module_input, simulate
 from sma_sim.cli.main import main
 from sma_sim.evidence.data.rosbag.interface import FLOAT64, FLOAT64_ARRAY, JOINT_STATE, UINT8_ARRAY
-from sma_sim.evidence.data.rosbag.raw_messages import open_bag, repair
 from sma_sim.evidence.data.rosbag.reader import read_bag
 from sma_sim.evidence.data.rosbag.run_writer import write_mcap
+from sma_sim.evidence.data.rosbag.salvage import open_bag, repair
 from sma_sim.evidence.data.rosbag.writer import BagWriter, typestore
 from sma_sim.evidence.data.tables import read_columns, write_columns
 from sma_sim.solver.inputs import inputs_at

@@ -9,9 +9,9 @@ import pytest
 from sma_sim import Config, Input, Model, UserError, find_structures, simulate
 from sma_sim.cli.main import main
 from sma_sim.evidence.data.rosbag.interface import interface_of
-from sma_sim.evidence.data.rosbag.raw_messages import open_bag
 from sma_sim.evidence.data.rosbag.reader import read_bag
 from sma_sim.evidence.data.rosbag.run_writer import write_mcap
+from sma_sim.evidence.data.rosbag.salvage import open_bag
 from sma_sim.evidence.data.rosbag.writer import BagWriter
 from sma_sim.evidence.data.tables import read_columns, write_columns
 from sma_sim.model.structures.discovery import package_structures

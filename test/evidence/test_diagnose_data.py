@@ -12,7 +12,7 @@ from sma_sim import Config, Dataset, Recording, module_input
 from sma_sim.challenge.files import recording_columns, write_challenge
 from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.cli import diagnose as diagnose_command
-from sma_sim.cli.common.data import read_data
+from sma_sim.cli.common.recording_options import read_data
 from sma_sim.cli.main import main
 from sma_sim.evidence.data.rosbag.run_writer import messages_of
 from sma_sim.evidence.data.rosbag.writer import BagWriter, typestore

@@ -12,8 +12,8 @@ from made_recordings import RATE, cells_of, module_columns, text_of, write_recor
 
 from sma_sim.evidence.data.assemble import outliers, saturated
 from sma_sim.evidence.data.recordings import read_dataset, read_recording
-from sma_sim.evidence.data.rosbag.raw_messages import open_bag
 from sma_sim.evidence.data.rosbag.run_writer import write_mcap
+from sma_sim.evidence.data.rosbag.salvage import open_bag
 from sma_sim.evidence.data.rosbag.writer import BagWriter
 from sma_sim.evidence.data.tables import write_columns
 from sma_sim.evidence.data.train_test_split import hold_out_last
@@ -370,7 +370,7 @@ MEMORY = """
 import resource, sys
 from dataclasses import replace
 from pathlib import Path
-from sma_sim.evidence.data.rosbag.raw_messages import open_bag
+from sma_sim.evidence.data.rosbag.salvage import open_bag
 from sma_sim.evidence.data.rosbag.run_writer import write_mcap
 from sma_sim.evidence.data.rosbag.writer import BagWriter
 from sma_sim.evidence.data.recordings import read_recording

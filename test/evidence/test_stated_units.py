@@ -10,7 +10,7 @@ from sma_sim.evidence.data.recordings import read_dataset, read_recording
 from sma_sim.evidence.data.stated_units import in_yaml
 from sma_sim.evidence.data.time_formats import seconds_reader
 from sma_sim.model.errors import UserError
-from sma_sim.model.unit_mismatch import mismatch_of
+from sma_sim.model.expected_units import mismatch_of
 
 
 @pytest.mark.parametrize(

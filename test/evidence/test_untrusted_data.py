@@ -8,8 +8,8 @@ import pytest
 
 from sma_sim import UserError, read_config
 from sma_sim.cli.main import main
-from sma_sim.evidence.data.rosbag.raw_messages import open_bag
 from sma_sim.evidence.data.rosbag.reader import read_bag
+from sma_sim.evidence.data.rosbag.salvage import open_bag
 from sma_sim.evidence.data.rosbag.writer import BagWriter
 from sma_sim.evidence.data.tables import read_columns
 from sma_sim.model.config import flat_parameters

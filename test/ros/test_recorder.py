@@ -20,8 +20,8 @@ from std_srvs.srv import SetBool, Trigger  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 from sma_sim.cli.main import main  # noqa: E402
-from sma_sim.evidence.data.rosbag.raw_messages import open_bag, repair  # noqa: E402
 from sma_sim.evidence.data.rosbag.reader import read_bag  # noqa: E402
+from sma_sim.evidence.data.rosbag.salvage import open_bag, repair  # noqa: E402
 from sma_sim.evidence.data.tables import read_columns  # noqa: E402
 from sma_sim.model.errors import UserError  # noqa: E402
 from sma_sim.ros.bag_names import bag_path, record_of_side  # noqa: E402

@@ -14,10 +14,10 @@ from sma_sim.evidence.data.tables import read_columns, read_header
 from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
+from sma_sim.model.expected_units import mismatch_of
 from sma_sim.model.likely_unit import kelvin_hint
 from sma_sim.model.parameters import KELVIN
 from sma_sim.model.structures.structure import shared_temperature
-from sma_sim.model.unit_mismatch import mismatch_of
 from sma_sim.solver.inputs import Input
 
 

@@ -9,14 +9,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sma_sim.cli.common.options import noted
+from sma_sim.cli.common.config_options import noted
 from sma_sim.evidence.data.rosbag.bag_files import is_bag
 from sma_sim.model.config import Config, read_config
 from sma_sim.model.errors import UserError
 from sma_sim.model.given import effect_folders_of
 
 if TYPE_CHECKING:
-    from sma_sim.evidence.data.rosbag.raw_messages import Bag
+    from sma_sim.evidence.data.rosbag.salvage import Bag
 
 
 def recorded_parameters(bag: Bag) -> dict[str, Any] | None:
@@ -40,7 +40,7 @@ def config_for_replay(arguments: argparse.Namespace, path: Path, *words: str) ->
     """
     recorded = None
     if arguments.config is None and is_bag(path):
-        from sma_sim.evidence.data.rosbag.raw_messages import open_bag  # only here: tables need no library of bags
+        from sma_sim.evidence.data.rosbag.salvage import open_bag  # only here: tables need no library of bags
 
         recorded = recorded_parameters(open_bag(path))
     if recorded is None:

@@ -15,7 +15,7 @@ from sma_sim.model.argument_checks import as_finite, as_kelvin, expect
 from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.model.errors import PhysicsWarning, UserError
-from sma_sim.model.unit_mismatch import mismatch_of
+from sma_sim.model.expected_units import mismatch_of
 from sma_sim.solver.columns import sample_columns
 from sma_sim.solver.fixed_rate import FixedRateRun
 from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS

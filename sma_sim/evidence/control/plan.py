@@ -42,9 +42,9 @@ from sma_sim.model.argument_checks import as_array
 from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
+from sma_sim.model.expected_units import mismatch_of
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.parameters import wire_constants
-from sma_sim.model.unit_mismatch import mismatch_of
 from sma_sim.solver.columns import sample_columns
 from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS
 from sma_sim.solver.model import Model

@@ -30,7 +30,7 @@ from sma_sim.evidence.data.sessions import (
     rows_with_changes,
 )
 from sma_sim.evidence.data.stated_units import unit_of
-from sma_sim.evidence.data.units import check_clock_set, check_unit, slow_sampling
+from sma_sim.evidence.data.unit_checks import check_clock_set, check_unit, slow_sampling
 from sma_sim.model.arrays import Mask, Vector
 from sma_sim.model.errors import UserError
 from sma_sim.model.shown import counted, listed

@@ -13,7 +13,7 @@ from math import inf
 import numpy as np
 
 from sma_sim.evidence.data.rounding import Rounding
-from sma_sim.evidence.data.units import array_mismatch, slow_sampling
+from sma_sim.evidence.data.unit_checks import array_mismatch, slow_sampling
 from sma_sim.model.archive import Saved
 from sma_sim.model.argument_checks import as_difference, as_own_array, check_fields, expect
 from sma_sim.model.arrays import Vector

@@ -84,8 +84,8 @@ def read_bag_source(
     path: Path, system: str, mapping: ColumnMap, namespace: str | None, limits: CommandLimits
 ) -> tuple[Columns, list[str]]:
     """The columns of a bag."""
-    from sma_sim.evidence.data.rosbag.raw_messages import open_bag  # only here: tables need no library of bags
     from sma_sim.evidence.data.rosbag.reader import columns_of_bag, joints_in
+    from sma_sim.evidence.data.rosbag.salvage import open_bag  # only here: tables need no library of bags
 
     bag = open_bag(path)
     notes = [] if bag.whole else ['the bag breaks off: read as far as it goes']

@@ -20,10 +20,10 @@ from sma_sim.model.arrays import Mask, Vector
 from sma_sim.model.config import Config
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.errors import UserError
+from sma_sim.model.expected_units import SLOW_STEP
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.structures.discovery import known_structures
 from sma_sim.model.structures.structure import Structure
-from sma_sim.model.unit_mismatch import SLOW_STEP
 from sma_sim.solver.beginning import AT_REST, Beginning
 from sma_sim.solver.clock import seen_at
 from sma_sim.solver.effect_table import channel_scales, sizes_of_states

@@ -18,11 +18,11 @@ from sma_sim.model.argument_checks import as_folders, check_fields
 from sma_sim.model.arrays import Vector
 from sma_sim.model.comparable import Comparable
 from sma_sim.model.errors import UserError
+from sma_sim.model.expected_units import MIN_STRESS
 from sma_sim.model.likely_unit import kelvin_hint
 from sma_sim.model.parameters import KELVIN
 from sma_sim.model.renamed import renamed
 from sma_sim.model.shown import Shown, listed
-from sma_sim.model.unit_mismatch import MIN_STRESS
 
 MAX_CELLS = 2000  # levels of a command: a search tries them one by one
 

@@ -69,10 +69,10 @@ from sma_sim.model.argument_checks import as_array, as_kelvin, expect
 from sma_sim.model.automaton import INNER, TO_AUSTENITE, TO_MARTENSITE
 from sma_sim.model.config import Config
 from sma_sim.model.errors import PhysicsWarning, UserError
+from sma_sim.model.expected_units import mismatch_of
 from sma_sim.model.material import heat_capacity, latent_heat
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.system import commanded_heating
-from sma_sim.model.unit_mismatch import mismatch_of
 from sma_sim.solver.integrate import PER_WIRE, WIRE_COLUMNS, Run
 from sma_sim.solver.model import Model
 from sma_sim.solver.propagation import DELTA, FRACTION_SCALE, Propagation, run_at_rest

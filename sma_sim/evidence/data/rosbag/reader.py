@@ -35,7 +35,7 @@ from sma_sim.evidence.data.rosbag.interface import (
     measured_decoders,
     prefix_of,
 )
-from sma_sim.evidence.data.rosbag.raw_messages import Bag, open_bag
+from sma_sim.evidence.data.rosbag.salvage import Bag, open_bag
 from sma_sim.evidence.data.rosbag.writer import typestore
 from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError

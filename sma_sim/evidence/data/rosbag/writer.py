@@ -1,6 +1,6 @@
 """Writes rosbag2 folders (storage mcap) that stay readable when the writing process is killed.
 
-What was written before the last `flush` is on the disk in whole chunks; `raw_messages` reads a file that ends anywhere.
+What was written before the last `flush` is on the disk in whole chunks; `salvage` reads a file that ends anywhere.
 """
 
 from __future__ import annotations

@@ -52,7 +52,7 @@ import os, signal, sys, time
 import rclpy
 from rclpy.signals import SignalHandlerOptions, install_signal_handlers
 from std_msgs.msg import Float64
-from sma_sim.ros.command_session import CommandSession
+from sma_sim.ros.last_command import CommandSession
 with CommandSession() as session:
     node = rclpy.create_node('commands')
     command = node.create_publisher(Float64, 'J_eq', 10)

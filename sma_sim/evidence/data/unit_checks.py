@@ -10,7 +10,7 @@ import numpy as np
 from sma_sim.evidence.data.stated_units import in_yaml, unit_of
 from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
-from sma_sim.model.unit_mismatch import MAX_DURATION, SLOW_STEP, mismatch_of
+from sma_sim.model.expected_units import MAX_DURATION, SLOW_STEP, mismatch_of
 
 NONE_LIKE: Mapping[str, str] = {}
 JUMP = 1e3  # times as long as all other steps together, a step is a clock that was set, in whatever unit

@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from sma_sim.cli.common.commands import add_kinetics, print_notes
-from sma_sim.cli.common.options import add_namespace_option, config_from
+from sma_sim.cli.common.config_options import add_namespace_option, config_from
 from sma_sim.evidence.data.column_map import entries_of_map
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.tables import check_writable
