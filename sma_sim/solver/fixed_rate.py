@@ -16,12 +16,8 @@ from sma_sim.solver.effect_table import own_scratch
 from sma_sim.solver.end_of_run import notes_on_commands, notes_on_start, stop_reason
 from sma_sim.solver.inputs import Input
 from sma_sim.solver.integrate import (
-    C_LAST_JUMP,
-    C_WINDOW,
-    C_WIRES,
     COMPLETED,
     N_JUMPS,
-    PER_WIRE_CONTROLS,
     REASONS,
     HeldInput,
     Limits,
@@ -35,6 +31,7 @@ from sma_sim.solver.simulate import (
     Jump,
     SimulationError,
     Trajectory,
+    move_clock,
     named_jumps,
     new_run,
     new_work,
@@ -90,8 +87,7 @@ class FixedRateRun:
 
     def restart_clock(self, u: Vector) -> None:
         """Go on from the state of now at time 0, under the input `u`; `sample` is renewed. What is imposed stays."""
-        self.run.control[C_WIRES + C_LAST_JUMP :: PER_WIRE_CONTROLS] -= self.time
-        self.run.control[C_WINDOW] -= self.time
+        move_clock(self.run.control, 0.0)
         self.k = 0
         self._observe(u)
 

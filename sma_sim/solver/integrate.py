@@ -49,7 +49,7 @@ PER_WIRE = len(WIRE_COLUMNS)
 
 # Counters and controls of a run.
 N_STEPS, N_REJECTED, N_FLOWS, N_JUMPS, N_CHATTER, N_WINDOW, N_TIGHTENED, N_SIZE = range(8)
-C_H, C_WINDOW, C_KEPT_UNTIL, C_ROW_LENGTH, C_ROWS_LEFT, C_WIRES = range(6)  # from the last on, for each wire:
+C_H, C_TIME, C_WINDOW, C_KEPT_UNTIL, C_ROW_LENGTH, C_ROWS_LEFT, C_WIRES = range(7)  # from the last on, for each wire:
 C_LAST_JUMP, C_BURST, C_DWELL, C_HEAT, PER_WIRE_CONTROLS = 0, 1, 2, 3, 4
 
 
@@ -57,8 +57,9 @@ class Run(NamedTuple):
     """A run in progress; all arrays are changed in place, so that a run can be continued."""
 
     state: SystemState
-    control: Vector  # step size; start of the window of steps; of steps over rows: until when `solution` is kept, of what
-    # length they are (0: none), how many rows to leave to others; per wire: time of the last jump, recent jumps, dwell, heat
+    control: Vector  # step size; time reached, -inf before the first step; start of the window of steps; of steps over rows:
+    # until when `solution` is kept, of what length they are (0: none), how many rows to leave to others; per wire: time of
+    # the last jump, recent jumps, dwell, heat
     count: Integers
     solution: Matrix  # (n, n) of `solver.linear.invert_shifted`, for steps over rows
 
@@ -286,6 +287,7 @@ def run_segment(run: Run, segment: Segment, p: System, w: Work, limits: Limits, 
         linearize_flow(t, run.state, segment, p, w, evaluated)
         status, step, theta, t_new = next_step(t, run, segment, p, w, limits)
         if status != COMPLETED:
+            run.control[C_TIME] = t
             return status
         sample_step(step, t_new, run, segment, p, w, log)
         if theta < 1.0:
@@ -490,6 +492,7 @@ def integrate(stretches: InputStretches, run: Run, p: System, w: Work, limits: L
     last = times.shape[0] - 1
     segment = Segment(times[last], times[last], values[last], slopes[last], False)
     jump_now(times[last], run, segment, p, w, log)
+    run.control[C_TIME] = times[last]
     k, needed = log.written[0], needed_for(log.numbers, p)
     while k < log.times.shape[0] and log.times[k] <= times[last]:
         write_sample(k, run.state, segment, p, w, log, needed)
@@ -513,6 +516,7 @@ def integrate_held(held: HeldInput, run: Run, p: System, w: Work, limits: Limits
         if status != COMPLETED:
             return status
         jump_now(k / held.rate, run, segment, p, w, log)
+        run.control[C_TIME] = k / held.rate
         if k % held.every == 0:
             row = min(log.written[0], log.samples.shape[0] - 1)  # a log that is too short keeps the newest in its last row
             observe(k / held.rate, run.state, segment, p, w, log.samples[row])

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sma_sim.compiler.compile import package_compiler
+from sma_sim.compiler.fields_read import uses_time
 from sma_sim.model.argument_checks import checked
 from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.automaton import EDGES, GUARD_NAMES
@@ -43,7 +44,10 @@ from sma_sim.solver.equilibrium import start, take_fractions
 from sma_sim.solver.inputs import Input, check_columns, inputs_at, requested_times, segments
 from sma_sim.solver.integrate import (
     C_H,
+    C_KEPT_UNTIL,
     C_LAST_JUMP,
+    C_TIME,
+    C_WINDOW,
     C_WIRES,
     COMPLETED,
     N_CHATTER,
@@ -78,6 +82,7 @@ STOPPED = 'Ctrl-C'
 SENSIBLE_STRAINS = (-0.05, 0.3)  # of the wires at the start
 STALL_STEP = 1e-6  # [s] at the default tolerance; usual runs take 1e-1, and 1e-5 for a few ms after a command changes
 MOST_STEPS = 10**18  # that integers of compiled code hold
+SAME_TIME = 1e-6  # [s] that clocks tell
 MAX_JUMPS = 100_000  # the log of jumps holds no more
 PIECES_AT_ONCE = 2000  # stretches of input between two looks at Ctrl-C
 DIFFERENCE = 1e-7  # difference steps relative to the scales
@@ -153,7 +158,7 @@ def new_run(
         y[p.first_x : p.first_x + p.wires] = state.x_frozen
     control = np.zeros(C_WIRES + PER_WIRE_CONTROLS * p.wires)
     control[C_H] = 1e-3
-    control[C_WIRES + C_LAST_JUMP :: PER_WIRE_CONTROLS] = -1.0
+    control[C_WIRES + C_LAST_JUMP :: PER_WIRE_CONTROLS] = control[C_TIME] = -np.inf  # no jump and no step before any time
     return Run(state, control, np.zeros(N_SIZE, dtype=np.int64), np.zeros_like(work.matrix))
 
 
@@ -171,9 +176,41 @@ def copy_of_run(model: Model, initial_state: Run) -> Run:
     expected, given = len(model.scales), len(initial_state.state.y)
     if given != expected:
         raise UserError(f'initial_state: expected a state of {expected} value(s), as this model has; got {given}')
+    if len(initial_state.control) != C_WIRES + PER_WIRE_CONTROLS * model.wires:
+        raise UserError(
+            'initial_state: it was saved by another version of sma_sim; expected one of this: make its run again'
+        )
     y, mode, x_frozen = initial_state.state
     state = SystemState(y.copy(), mode.copy(), x_frozen.copy())
     return Run(state, initial_state.control.copy(), np.zeros_like(initial_state.count), initial_state.solution.copy())
+
+
+def move_clock(control: Vector, begin: float) -> None:
+    """Let a run go on at `begin` [s], whatever the time at which it ended: the times that it remembers move along."""
+    ended = control[C_TIME]
+    if np.isfinite(ended) and begin != ended:
+        for at in (C_WINDOW, C_KEPT_UNTIL, slice(C_WIRES + C_LAST_JUMP, None, PER_WIRE_CONTROLS)):
+            control[at] = (control[at] - ended) + begin
+        control[C_TIME] = begin
+
+
+def check_clock(model: Model, initial_state: Run, begin: float, are_samples: bool) -> None:
+    """Raise UserError where effects read a clock that a run which goes on at `begin` [s] would set to another time."""
+    ended, effects = initial_state.control[C_TIME], [active.effect for active in model.config.effects]
+    if not np.isfinite(ended):
+        return
+    timed = [one.name for one in effects if uses_time(one)]
+    if timed and abs(begin - ended) > SAME_TIME:
+        raise UserError(
+            f'initial_state ended at {ended:g} s and the input begins at {begin:g} s, but {", ".join(timed)} depends on '
+            f'time: expected an input whose times go on at {ended:g} s'
+        )
+    paced = [one.name for one in effects if one.clock is not None]
+    if paced and are_samples:
+        raise UserError(
+            f'initial_state: {", ".join(paced)} acts on the time since the beginning of a recording, which a run that '
+            'goes on does not have: run the whole command at once, or leave the effect out'
+        )
 
 
 def stall_step(model: Model) -> float:
@@ -223,7 +260,8 @@ def simulate(
     progress : callable, optional
         Called with the finished share of the run, 0 to 1; without it a terminal or a notebook shows it where it takes long.
     initial_state : Run or Trajectory, optional
-        An earlier run, or its `Trajectory.state`, to continue from it; without it the run starts at rest.
+        An earlier run, or its `Trajectory.state`, to continue from it, at whatever time the input begins; without it the
+        run starts at rest.
     channels : str or sequence of str, optional
         Sensor channels to sample, as 'alpha' or 'F_1', in place of all columns: this takes less time.
 
@@ -235,7 +273,8 @@ def simulate(
     Raises
     ------
     UserError
-        For samples outside the input, an input of another system, or a channel that the system does not have.
+        For samples outside the input, an input of another system, a channel that the system does not have, or a run that
+        goes on at another time where effects depend on time.
     SimulationError
         If the model has no static equilibrium to start from.
 
@@ -265,8 +304,11 @@ def simulate(
     work = new_work(model)
     run = copy_of_run(model, initial_state) if initial_state else new_run(model, values[0], work)
     notes = (() if initial_state else notes_on_start(model, run)) + notes_on_commands(model, source)
-    asked = requested_times(source, sample_times)
-    seen = seen_at(model, asked, float(source.times[0]))
+    asked, begin = requested_times(source, sample_times), float(source.times[0])
+    if initial_state:
+        check_clock(model, run, begin, bool(len(asked)))
+        move_clock(run.control, begin)
+    seen = seen_at(model, asked, begin)
     times, values, slopes = held_until((times, values, slopes), seen)
     limits = Limits(float(max_step), int(min(max_steps, MOST_STEPS)), min(stall_step(model), 0.1 * max_step))
     compiled, integrate_stretches = own_scratch(model.compiled), package_compiler().function(integrate)

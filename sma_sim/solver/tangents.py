@@ -24,6 +24,7 @@ from sma_sim.model.system import EVERYTHING, guard, update_flow
 from sma_sim.solver.events import EDGE_TABLE, remember_fraction, violated_edge
 from sma_sim.solver.integrate import (
     C_H,
+    C_TIME,
     COMPLETED,
     InputStretches,
     Limits,
@@ -98,6 +99,7 @@ def follow(stretches: InputStretches, run: Run, p: System, w: Work, limits: Limi
         if status != COMPLETED:
             return status
     k, t_end = log.written[0], stretches.times[stretches.times.shape[0] - 1]
+    run.control[C_TIME] = t_end
     while k < log.times.shape[0] and log.times[k] <= t_end:
         sample_last(k, log, a)
         k += 1

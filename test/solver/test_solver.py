@@ -1,5 +1,8 @@
 """The stepper: order, event times, hard cases, reasons for an end."""
 
+from contextlib import nullcontext
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from flows import active, make_model
@@ -189,10 +192,45 @@ def test_a_run_is_continued_where_it_ended(kind, effects):
     assert first.steps + second.steps == once.steps
 
 
+@pytest.mark.parametrize('kind', ['hybrid', 'mas'])
+@pytest.mark.parametrize('begin', [-100.0, 0.0, 100.0])
+def test_a_run_does_not_depend_on_the_clock_of_its_input(kind, begin):
+    """Neither from rest nor where it goes on, also at an earlier time than the one before it ended at."""
+    model, later = make_model(model=kind), np.linspace(0.0, 12.0, 100)
+    heated, rest = module_input([3.0, 5.0, 11.0], [0.0, 12.0, -8.0]), module_input([11.0, 17.0, 23.0], [-8.0, 0.0, 0.0])
+    first = simulate(model, heated, 3.0 + later[later < 8.0])
+    again = simulate(model, replace(heated, times=heated.times - 3.0 + begin), begin + later[later < 8.0])
+    once = simulate(model, rest, 11.0 + later, initial_state=first)
+    second = simulate(model, replace(rest, times=rest.times - 11.0 + begin), begin + later, initial_state=first)
+    assert len(once.jumps) == len(second.jumps) and len(first.jumps) == len(again.jumps)
+    for name, column in once.columns.items():
+        assert second[name] == pytest.approx(column, abs=1e-5 * np.ptp(column)), name
+        assert again[name] == pytest.approx(first[name], abs=1e-5 * np.ptp(first[name])), name
+
+
+@pytest.mark.parametrize(
+    ('name', 'begin', 'message'),
+    [
+        ('ambient_drift', 0.0, 'initial_state ended at 2 s and the input begins at 0 s, but ambient_drift depends on time'),
+        ('ambient_drift', 2.0, ''),
+        ('clock_skew', 2.0, 'initial_state: clock_skew acts on the time since the beginning of a recording'),
+    ],
+)
+def test_effects_of_time_go_on_where_the_run_ended(name, begin, message):
+    model = make_model(effects=[active(name)])
+    first = simulate(model, module_input([0.0, 2.0], [12.0, 0.0]), 10.0)
+    rest = module_input([begin, begin + 1.0], [5.0, 0.0])
+    with pytest.raises(UserError, match=message) if message else nullcontext():
+        assert simulate(model, rest, 10.0, initial_state=first).completed
+
+
 def test_a_state_of_another_model_is_refused():
     first = simulate(make_model(), module_input([0.0, 1.0], [12.0, 0.0]), 10)
     with pytest.raises(UserError, match='initial_state: expected a state of 1 value.s., as this model has; got 8'):
         simulate(make_model('wire', 'hybrid'), wire_input([0.0, 1.0], 0.04), 10, initial_state=first.state)
+    older = first.state._replace(control=first.state.control[1:])
+    with pytest.raises(UserError, match='initial_state: it was saved by another version of sma_sim'):
+        simulate(make_model(), module_input([0.0, 1.0], [12.0, 0.0]), 10, initial_state=older)
 
 
 def test_step_limit_is_a_reason():

@@ -16,9 +16,9 @@ from sma_sim.evidence.search.score import unlisted_evidence
 from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.solver.effect_table import layout, state_scales
 from sma_sim.solver.inputs import Input
-from sma_sim.solver.integrate import C_LAST_JUMP, C_WIRES, PER_WIRE_CONTROLS, Run
+from sma_sim.solver.integrate import C_TIME, Run
 from sma_sim.solver.model import Model
-from sma_sim.solver.simulate import SimulationError, channels_of_all, copy_of_run, new_run, new_work
+from sma_sim.solver.simulate import SimulationError, channels_of_all, copy_of_run, move_clock, new_run, new_work
 
 MAX_STEPS = 10_000_000  # of a run: no usual one comes near
 Change = tuple[float, int, float]  # from when on [s], which column of the input, its value
@@ -301,7 +301,7 @@ def sampled(model: Model, source: Input, times: Vector, state: Run | None) -> tu
 def shifted(run: Run, by: float) -> Run:
     """A state whose time begins anew, `by` seconds later."""
     control = run.control.copy()
-    control[C_WIRES + C_LAST_JUMP :: PER_WIRE_CONTROLS] -= by
+    move_clock(control, control[C_TIME] - by)
     return run._replace(control=control)
 
 
