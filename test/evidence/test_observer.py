@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import sma_sim.effects
-from sma_sim import Config, Model, UserError
+from sma_sim import Config, Model, UserError, read_dataset
 from sma_sim.cli.main import main
 from sma_sim.evidence.state_estimation import observer as filters
 from sma_sim.observer import Observer
@@ -450,6 +450,11 @@ def test_the_command_writes_estimates_and_a_figure(tmp_path, capsys):
         'mode_1',
     ]
     assert list(found[0])[:10] == expected
+    dataset = read_dataset([tmp_path])  # estimates lie beside what was measured, and are no recording
+    assert [one.name for one in dataset.recordings] == ['run']
+    assert f'{out}: nothing measured in it, left out' in dataset.notes
+    with pytest.raises(UserError, match='x_M_1_std says that sma-sim observe estimated'):
+        read_dataset([out])
     error = [abs(float(row['T_1_K']) - float(other['T_1_K'])) for row, other in zip(found, true, strict=True)]
     assert max(error) < 6.0
     assert main(['observe', str(run), '--without', 'T_3']) == 2

@@ -75,6 +75,7 @@ ROUNDING = 1e-9  # relative: a floor that was computed may be all of the noise
 GAIN = 'power'  # among the parameters of a recording: by how much more power its driver gives than is written
 STD_SUFFIX = ' std'  # of the column with the noise of each row, while a file is read
 HIDDEN_COLUMN = re.compile(r'(x_M|mode)(_\d+)?')  # no sensor shows them: not compared
+ESTIMATE_COLUMN = re.compile(r'x_M(_\d+)?_std')  # their uncertainty: only files that `sma-sim observe` wrote have it
 
 
 @lru_cache(64)  # every run of a fit asks

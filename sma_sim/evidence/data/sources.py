@@ -17,7 +17,7 @@ from sma_sim.evidence.data.cells import CellLayout, read_cells, text_blocks
 from sma_sim.evidence.data.column_map import ColumnMap, Origin, column_in_si, column_origins
 from sma_sim.evidence.data.foreign_columns import hint_for, hint_for_all, likely_column
 from sma_sim.evidence.data.own_times import at_own_times, check_other_clock, check_times
-from sma_sim.evidence.data.recording import HIDDEN_COLUMN, NEEDED_COLUMNS, STD_SUFFIX, OfSystems
+from sma_sim.evidence.data.recording import ESTIMATE_COLUMN, HIDDEN_COLUMN, NEEDED_COLUMNS, STD_SUFFIX, OfSystems
 from sma_sim.evidence.data.rosbag.bag_files import is_bag
 from sma_sim.evidence.data.rosbag.commands import CommandLimits
 from sma_sim.evidence.data.rosbag.interface import interface_of, measured_decoders
@@ -225,9 +225,14 @@ def numbers_in(layout: CellLayout, name: str, index: int | None = None) -> Vecto
 
 
 def check_header(path: Path, header: Sequence[str]) -> None:
-    """Raise UserError for a file without names."""
+    """Raise UserError for a file without names, and NothingMeasuredError for one of estimates."""
     if all(is_number(name) for name in header):
         raise UserError(f'{path}, row 1: expected the names of the columns, got numbers: {",".join(header)[:60]}')
+    if estimated := [name for name in header if ESTIMATE_COLUMN.fullmatch(name)]:
+        raise NothingMeasuredError(
+            f'{path}: nothing measured in it; column {estimated[0]} says that sma-sim observe estimated its temperatures and '
+            'stresses; expected the recording itself'
+        )
 
 
 def check_clock(path: Path, header: Sequence[str], time: Origin) -> None:
