@@ -14,7 +14,7 @@ from sma_sim.model.config import Config
 from sma_sim.model.errors import UserError
 from sma_sim.solver.inputs import Input
 from sma_sim.solver.model import Model
-from sma_sim.solver.simulate import simulate
+from sma_sim.solver.simulate import simulate, uninterrupted
 
 REST_DURATION = 20.0  # [s] without power before a run
 ROBOT_RTOL = 1e-6
@@ -62,7 +62,7 @@ class Robot:
         whole = Input(np.r_[-REST_DURATION, source.times], np.vstack([rest, source.values]), source.linear, source.names)
         before, after = round(REST_DURATION * rate), int(np.ceil(source.times[-1] * rate - 1e-9))
         time = np.arange(-before, after) / rate
-        run = simulate(self.model, whole, time, max_step=MAX_STEP)
+        run = uninterrupted(simulate(self.model, whole, time, max_step=MAX_STEP))
         if not run.completed:
             raise BrokenRobot(f'the run ended at {run.end:g} s: {run.reason}')
         angle, temperature = np.abs(run['alpha_rad']).max(), max(run['T_1_K'].max(), run['T_2_K'].max())

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 import webbrowser
-from contextlib import suppress
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -55,11 +54,12 @@ def run(arguments: argparse.Namespace) -> int:
     with open_session(arguments.session, start) as session, PageServer(arguments.port) as server:
         server.application = Application(session, folders, server.tabs.announce)
         first_start.announce_compilation(lambda line: say(server, line))
-        with suppress(KeyboardInterrupt):
+        try:
             serve(server, session, with_browser=not arguments.no_browser)
-        server.application.close()
-        server.tabs.close()
-        server.shutdown()
+        finally:
+            server.application.close()
+            server.tabs.close()
+            server.shutdown()
     return 0
 
 

@@ -24,7 +24,7 @@ from sma_sim.model.parameter_file import yaml_number
 from sma_sim.model.program_parameters import DEFAULTS
 from sma_sim.solver.inputs import module_input
 from sma_sim.solver.model import Model
-from sma_sim.solver.simulate import new_run, new_work, simulate
+from sma_sim.solver.simulate import new_run, new_work, simulate, uninterrupted
 from sma_sim.workflow.code_folders import parameter_file_at
 
 
@@ -270,7 +270,7 @@ def when_heated(config: Config) -> str:
     """Largest angle and temperature when one bundle is heated for a while."""
     power = J_MAX_FRACTION * config.parameters['node.J_max']
     command = module_input([0.0, HEATING_TIME], [power, 0.0], T_E=config.parameters['environment.T_E'])
-    run = simulate(Model(config), command, 50.0)
+    run = uninterrupted(simulate(Model(config), command, 50.0))
     words = f'Bundle 1 heated with {power:g} W (half of node.J_max) for {HEATING_TIME:g} s: '
     if not run.completed:
         return f'{words}the run ended after {run.end:.3g} s: {run.reason}.'

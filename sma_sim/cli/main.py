@@ -7,6 +7,7 @@ import errno
 import os
 import re
 import shlex
+import signal
 import sys
 import time
 import traceback
@@ -73,6 +74,8 @@ def main(arguments: list[str] | None = None) -> int:
         with physics_in_notes():
             code = int(chosen.run(chosen))
         flush_output()
+        if arguments is None:  # a command whose work is done says so, also where Ctrl-C comes while Python goes away
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
         return code
     except UserError as error:
         print(f'{name}: {error}', file=sys.stderr)

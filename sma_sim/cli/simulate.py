@@ -22,7 +22,7 @@ from sma_sim.model.progress import ProgressLine
 from sma_sim.solver.fixed_rate import simulate_fixed_rate, steps_per_sample
 from sma_sim.solver.inputs import Input, inputs_at, regular_times
 from sma_sim.solver.model import Model
-from sma_sim.solver.simulate import STOPPED, Trajectory, simulate
+from sma_sim.solver.simulate import Trajectory, simulate, uninterrupted
 
 MAX_RUN_SAMPLES = 50_000_000
 JUMP_COLUMNS = ('t', 'j', 'wire', 'guard', 'from', 'to')
@@ -92,9 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
         f'Simulated {trajectory.end:g} s in {trajectory.steps} steps with {len(trajectory.jumps)} mode changes; '
         f'{len(trajectory.time)} samples are in {arguments.out}.'
     )
-    if trajectory.reason == STOPPED:
-        raise KeyboardInterrupt
-    if not trajectory.completed:
+    if not uninterrupted(trajectory).completed:
         raise UserError(f'the run ended at {trajectory.end:g} s: {trajectory.reason}')
     return 0
 

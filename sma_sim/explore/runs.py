@@ -20,7 +20,7 @@ from sma_sim.model.structures.structure import Coordinate
 from sma_sim.report.run_panels import COLOURS, MODE_COLUMN, UNITS, is_held, panels_of
 from sma_sim.solver.inputs import inputs_at
 from sma_sim.solver.model import Model
-from sma_sim.solver.simulate import simulate
+from sma_sim.solver.simulate import simulate, uninterrupted
 from sma_sim.solver.wire_columns import strains_from_pose, stresses_from_forces
 
 RATE, MAX_SAMPLES = 50.0, 20_000  # samples per second, and in a run at most
@@ -49,7 +49,7 @@ def run_of(config: Config, command: Command) -> ShownRun:
     """Simulate; the columns are what `sma-sim simulate --rate` writes. Raises UserError."""
     source = input_of(command, config)
     rate = min(RATE, MAX_SAMPLES / (source.times[-1] - source.times[0]))
-    found = simulate(Model(config), source, rate)
+    found = uninterrupted(simulate(Model(config), source, rate))
     columns = inputs_at(source, found.time) | found.columns
     return ShownRun(config, columns, rate, found.reason, found.completed, found.notes)
 

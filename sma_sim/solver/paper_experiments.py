@@ -14,7 +14,7 @@ from sma_sim.model.config import Config, default_parameters
 from sma_sim.model.material import sigma_A, sigma_M
 from sma_sim.solver.inputs import Input, inputs_at, module_input, wire_input
 from sma_sim.solver.model import Model
-from sma_sim.solver.simulate import STOPPED, Trajectory, simulate
+from sma_sim.solver.simulate import Trajectory, simulate, uninterrupted
 
 ModelPair = dict[str, Trajectory]  # by kind of model
 
@@ -120,9 +120,7 @@ def paper_module(kind: str, rtol: float) -> Model:
 
 def complete_run(model: Model, source: Input, samples: Vector | float = SAMPLE_RATE) -> Trajectory:
     """A whole run: one that was cut short must not pass for a result."""
-    done = simulate(model, source, samples)
-    if done.reason == STOPPED:
-        raise KeyboardInterrupt
+    done = uninterrupted(simulate(model, source, samples))
     if not done.completed:
         raise RuntimeError(f'{model.config.simulated_kinetics}: the run ended at {done.end:g} s: {done.reason}')
     return done

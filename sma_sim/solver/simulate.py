@@ -330,6 +330,13 @@ def simulate(
     return trajectory(model, log, asked, run, reason, notes, source)
 
 
+def uninterrupted(run: Trajectory) -> Trajectory:
+    """A run as `simulate` returns it, for whoever works on with it: one that Ctrl-C cut short ends that work too."""
+    if run.reason == STOPPED:
+        raise KeyboardInterrupt
+    return run
+
+
 def channels_of_all(
     models: Sequence[Model],
     source: Input,

@@ -3,6 +3,7 @@
 import errno
 import math
 import os
+import signal
 import subprocess
 import sys
 import warnings
@@ -304,6 +305,15 @@ def test_ctrl_c_while_python_imports(monkeypatch, capsys):
     monkeypatch.setattr('sma_sim.cli.main.import_module', interrupted)
     assert main(['effects']) == 130
     assert capsys.readouterr().err == 'sma-sim: stopped\n'
+
+
+def test_ctrl_c_after_all_is_done_changes_nothing(monkeypatch):
+    before = signal.getsignal(signal.SIGINT)
+    monkeypatch.setattr(sys, 'argv', ['sma-sim', 'effects'])
+    try:
+        assert main() == 0 and signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def test_a_warning_about_physics_is_a_note(capsys):

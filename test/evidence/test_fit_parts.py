@@ -9,9 +9,12 @@ from threading import Event, Lock
 
 import numpy as np
 import pytest
+from simulated_data import NOISE, config, dataset
 from systems import active
 
-from sma_sim import Config, Dataset, Input, Recording, module_input, wire_input
+from sma_sim import Config, Dataset, Input, Recording, make_challenge, module_input, simulate, wire_input
+from sma_sim.challenge import robot
+from sma_sim.cli import init
 from sma_sim.evidence.estimation import executors, homogeneity, residuals
 from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.evidence.estimation.free_parameters import choose_free, free_parameter
@@ -43,10 +46,13 @@ from sma_sim.evidence.estimation.residuals import (
     without_repeats,
 )
 from sma_sim.evidence.estimation.uncertainty import Interval
+from sma_sim.evidence.latent_input import sensitivities
+from sma_sim.evidence.latent_input.sensitivities import knot_grid
 from sma_sim.model.effects.ports import CHANNELS
 from sma_sim.model.parameters import Parameter
 from sma_sim.model.program_parameters import DEFAULTS
 from sma_sim.model.structures.module import STRUCTURE as MODULE
+from sma_sim.solver.simulate import STOPPED
 
 
 def recording(values=(0.0, 0.0, 5.0, 5.0, 2.0), **more):
@@ -268,6 +274,28 @@ def test_what_may_be_missing_on_benches():
     assert isobaric == []
     probes = {port.group: port.probe for port in ports_of(Config(system='wire'), ('stress',))}
     assert probes == {'heat': 0.02, 'strain': 1e-4, 'stress': 5e5, 'power': 0.02, 'sense_stress': 1e6}
+
+
+HEAT = next(port for port in ports_of(Config(), ('alpha',)) if port.name == 'heat_1')
+
+
+@pytest.mark.parametrize(
+    ('where', 'work'),
+    [
+        (robot, lambda _: make_challenge(5)),
+        (residuals, lambda run: residuals.simulated(Config(), run)),
+        (sensitivities, lambda run: sensitivities.run_segments(HEAT, Config(), run, Nuisance(), knot_grid(run))),
+        (init, lambda _: init.when_heated(Config())),
+    ],
+    ids=['challenge', 'residuals', 'latent', 'init'],
+)
+def test_ctrl_c_within_a_run_ends_the_work_that_needs_it(where, work, monkeypatch):
+    """What it cut short is no broken robot, no model that cannot be simulated, and no state to go on from."""
+    run = fit_data(dataset(config('mas'), [4], rate=5.0).recordings[0], NOISE)
+    stopped = replace(simulate(Config(), module_input([0.0, 0.1], [0.0, 0.0]), 10.0), reason=STOPPED, completed=False)
+    monkeypatch.setattr(where, 'simulate', lambda *_, **options: stopped)
+    with pytest.raises(KeyboardInterrupt):
+        work(run)
 
 
 def test_the_first_interrupt_asks_for_an_end_and_the_second_interrupts():

@@ -412,7 +412,7 @@ def test_the_command_serves_until_ctrl_c(tmp_path):
         address = process.stdout.readline().split()[-1]
         assert address.startswith('http://127.0.0.1:') and '?token=' in address
         process.send_signal(signal.SIGINT)
-        assert process.wait(60) == 0 and 'Traceback' not in process.stderr.read()
+        assert process.wait(60) == 130 and 'Traceback' not in process.stderr.read()
     config = read_config(tmp_path / 'explore-session' / 'versions' / '0001.yaml')
     assert config.simulated_kinetics == 'mas' and config.parameters['beam.E'] == 2.2e9
 

@@ -11,7 +11,7 @@ from sma_sim import Config, Input, Model, UserError, find_effects, simulate
 from sma_sim.cli.main import main
 from sma_sim.model.automaton import EDGES, GUARD_NAMES
 from sma_sim.solver.inputs import segments
-from sma_sim.solver.simulate import PIECES_AT_ONCE
+from sma_sim.solver.simulate import PIECES_AT_ONCE, uninterrupted
 
 HOUR = 3600.0
 EDGE_SET = {(edge.source, edge.target, GUARD_NAMES[edge.guard]) for edge in EDGES}
@@ -294,6 +294,9 @@ def test_control_c_returns_what_there_is():
     assert (run.completed, run.reason) == (False, 'Ctrl-C')
     assert 30 < len(run.time) < 40
     assert (run['alpha_rad'] == whole['alpha_rad'][: len(run.time)]).all()
+    assert uninterrupted(whole) is whole
+    with pytest.raises(KeyboardInterrupt):
+        uninterrupted(run)
 
 
 def test_looks_at_control_c_change_nothing():

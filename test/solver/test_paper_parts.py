@@ -16,6 +16,7 @@ from sma_sim.solver.paper_experiments import (
     PaperResults,
     StressStrainLoop,
 )
+from sma_sim.solver.simulate import STOPPED
 
 
 class Made(dict):
@@ -120,7 +121,7 @@ def test_the_sine_is_shown_from_rest_in_its_second_period(monkeypatch):
 
 def test_a_run_that_was_cut_short_is_no_result(monkeypatch):
     model, source = SimpleNamespace(config=SimpleNamespace(simulated_kinetics='mas')), module_input([0.0, 1.0], [0.0, 0.0])
-    for reason, error in ((paper.STOPPED, KeyboardInterrupt), ('step limit reached', RuntimeError)):
+    for reason, error in ((STOPPED, KeyboardInterrupt), ('step limit reached', RuntimeError)):
         made = Made(np.zeros(1), reason=reason)
         monkeypatch.setattr(paper, 'simulate', lambda *_, made=made: made)
         with pytest.raises(error):

@@ -230,8 +230,8 @@ def check_header(path: Path, header: Sequence[str]) -> None:
         raise UserError(f'{path}, row 1: expected the names of the columns, got numbers: {",".join(header)[:60]}')
     if estimated := [name for name in header if ESTIMATE_COLUMN.fullmatch(name)]:
         raise NothingMeasuredError(
-            f'{path}: nothing measured in it; column {estimated[0]} says that sma-sim observe estimated its temperatures and '
-            'stresses; expected the recording itself'
+            f'{path}: nothing measured in it; column {estimated[0]} says that sma-sim observe estimated its temperatures '
+            'and stresses; expected the recording itself'
         )
 
 

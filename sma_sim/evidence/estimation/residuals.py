@@ -30,7 +30,16 @@ from sma_sim.solver.effect_table import channel_scales, sizes_of_states
 from sma_sim.solver.inputs import Input, inputs_at
 from sma_sim.solver.integrate import Run
 from sma_sim.solver.model import Model
-from sma_sim.solver.simulate import SimulationError, Trajectory, channels_of_all, copy_of_run, new_run, new_work, simulate
+from sma_sim.solver.simulate import (
+    SimulationError,
+    Trajectory,
+    channels_of_all,
+    copy_of_run,
+    new_run,
+    new_work,
+    simulate,
+    uninterrupted,
+)
 from sma_sim.solver.smoothed_input import Leeway, Stretches, smoothed
 from sma_sim.solver.work import Work
 
@@ -570,15 +579,9 @@ def simulated(
     source, asked, index = planned_run(run, nuisance)
     source, model = held_until(source, float(asked[-1])), Model(config)
     initial_state = run.initial_state or start_of(model, source, nuisance)
-    trajectory = simulate(
-        model,
-        source,
-        asked,
-        max_steps=step_limit(source, run.step_limited, samples=len(run.time)),
-        initial_state=initial_state,
-        channels=channels,
-    )
-    if not trajectory.completed:
+    limit = step_limit(source, run.step_limited, samples=len(run.time))
+    trajectory = simulate(model, source, asked, max_steps=limit, initial_state=initial_state, channels=channels)
+    if not uninterrupted(trajectory).completed:
         raise SimulationError(f'{run.name}: the run ended after {trajectory.end:g} s: {trajectory.reason}')
     return source, trajectory, index
 

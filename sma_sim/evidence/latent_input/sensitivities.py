@@ -23,7 +23,7 @@ from sma_sim.model.effects.effect import Effect
 from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.inputs import Input, input_between
 from sma_sim.solver.model import Model
-from sma_sim.solver.simulate import SimulationError, simulate
+from sma_sim.solver.simulate import SimulationError, simulate, uninterrupted
 
 MIN_KNOT_SPACING = 1.0  # [s]: heat and bending take about as long
 BINS_PER_KNOT = 5  # so that a hat function is resolved
@@ -130,7 +130,8 @@ def run_segments(port: Port, config: Config, run: FitData, nuisance: Nuisance, g
     for first in range(0, len(grid.knots), KNOTS_PER_TASK):
         until = float(source.times[source.times <= max(grid.knots[max(first - 1, 0)], begin)][-1])
         if until > begin:
-            state = simulate(model, input_between(source, begin, until), np.zeros(0), initial_state=state).state
+            before = simulate(model, input_between(source, begin, until), np.zeros(0), initial_state=state)
+            state = uninterrupted(before).state
             begin = until
         affected = (run.time - nuisance.delay >= begin) | (begin == source.times[0])
         later = replace(
