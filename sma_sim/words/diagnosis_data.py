@@ -43,8 +43,8 @@ def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:
             'set_up': [fault_data(fault) for fault in diagnosis.set_up],
             'retracted': plain_names(diagnosis.retracted),
             'taken_back': plain_names(diagnosis.retracted),  # its old name
-            'probabilities': probabilities(diagnosis.posterior),
-            'models': models(diagnosis.posterior),
+            'probabilities': probabilities(diagnosis.posterior) if diagnosis.has_compared else {},
+            'models': models(diagnosis.posterior) if diagnosis.has_compared else [],
             'ranking': ranking(first, diagnosis) if first else (),
             'error': [error_of(stage) for stage in diagnosis.stages],
             'noise_std': diagnosis.noise_std,

@@ -75,7 +75,7 @@ def as_text(diagnosis: Diagnosis) -> Iterator[str]:
     """The verdict for the terminal."""
     yield headline(diagnosis)
     yield from set_up_sentences(diagnosis.set_up)
-    if not is_uncertain(diagnosis.set_up):
+    if diagnosis.has_compared:
         yield from probability_lines(
             {
                 'system': diagnosis.calibration.config.system,
@@ -107,7 +107,8 @@ def headline(diagnosis: Diagnosis) -> str:
     phrases = missing_phrases(diagnosis)
     lacks = f'Your model lacks {joined_words(phrases)}'
     if not diagnosis.search_ended:
-        more = f'{lacks}; more may be missing' if phrases else 'Nothing was found to be missing so far'
+        none = 'Nothing was found to be missing so far' if diagnosis.has_compared else 'No effect has been tried'
+        more = f'{lacks}; more may be missing' if phrases else none
         return f'Stopped before the search was complete. {more}.'
     if is_uncertain(diagnosis.set_up):
         return SET_UP_FIRST

@@ -138,10 +138,12 @@ def material_hint(found: Sequence[ImplausibleParameter]) -> str:
 
 def kinetics_sentence(config: Config, probabilities: Mapping[str, float]) -> str:
     """Which kinetics a fitted model has, and whether they were given; `probabilities` of both where they were not."""
-    if not probabilities:
-        return f'kinetics: {config.simulated_kinetics}, as given (--model auto fits both)'
-    shown = ', '.join(f'{name} {probability:.3g}' for name, probability in probabilities.items())
     taken = config.simulated_kinetics
+    if not probabilities and config.kinetics == AUTO:
+        return f'kinetics: none were given, and the fit was stopped before it could tell; {taken} was taken'
+    if not probabilities:
+        return f'kinetics: {taken}, as given (--model auto fits both)'
+    shown = ', '.join(f'{name} {probability:.3g}' for name, probability in probabilities.items())
     if config.kinetics == AUTO:
         return f'kinetics: these recordings do not decide between them (probabilities: {shown}); {taken} was taken'
     return f'kinetics: none were given, {taken} is more probable (probabilities: {shown})'

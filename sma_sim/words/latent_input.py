@@ -13,7 +13,7 @@ RANKING_HEADER = ('port', 'error left', 'in gaps', 'values', 'removed per value'
 
 def verdict_sentences(found: LatentInputs) -> Iterator[str]:
     """The verdict."""
-    if found.interrupted and not found.findings:
+    if found.verdict == 'stopped':
         yield 'stopped early, before any port was evaluated'
         return
     if found.verdict == 'none':

@@ -9,12 +9,18 @@ import threading
 import time
 
 import pytest
+from simulated_data import config, dataset
 
 from sma_sim.challenge.files import write_challenge
 from sma_sim.challenge.make import RecordingPlan, make_challenge
+from sma_sim.evidence.diagnosis.diagnose import diagnose
+from sma_sim.evidence.estimation.calibrate import FitOptions
 from sma_sim.evidence.estimation.interruption import stoppable
+from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 from sma_sim.model.config import read_config
 from sma_sim.model.effects.discovery import find_effects
+from sma_sim.words.diagnosis_data import as_data
+from sma_sim.words.diagnosis_text import as_text
 
 PATIENCE = 300.0  # [s]
 
@@ -67,6 +73,23 @@ class Diagnosing:
         return verdict, page
 
 
+def test_what_was_stopped_before_anything_was_compared_has_no_probabilities():
+    told = []
+
+    def stop_at_once(words):
+        if not told:
+            os.kill(os.getpid(), signal.SIGINT)
+        told.append(words)
+
+    request = DiagnosisRequest(options=FitOptions(free=('beam.E',), kinetics='mas', starts=1, intervals=False))
+    data = dataset(config('mas'), [4, 5], noise=1.0, rate=5.0)
+    found = diagnose(data, config('mas'), request=request, on_progress=stop_at_once)
+    content, said = as_data(found), '\n'.join(as_text(found))
+    assert (content['verdict'], content['probabilities'], content['models']) == ('stopped', {}, [])
+    assert found.interrupted and said.startswith('Stopped before the search was complete. No effect has been tried.')
+    assert 'robab' not in said + found.summary()
+
+
 @pytest.mark.parametrize(
     ('words', 'model'),
     [
@@ -80,8 +103,9 @@ def test_stopped_before_anything_was_found(case, tmp_path, words, model):
     one.wait_for(words)
     code, said = one.stopped()
     verdict, page = one.check_whole()
-    assert code == 130 and 'Stopped before the search was complete. Nothing was found to be missing so far.' in said
+    assert code == 130 and 'Stopped before the search was complete.' in said and 'Most probable' not in said
     assert verdict['interrupted'] and verdict['effects'] == [] and len(verdict['error']) == 1
+    assert (verdict['verdict'], verdict['probabilities'], verdict['models']) == ('stopped', {}, [])
     assert 'Stopped before the search was complete' in page and not any('Traceback' in line for line in one.said)
 
 

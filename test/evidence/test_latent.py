@@ -14,6 +14,8 @@ from sma_sim.challenge.files import write_challenge
 from sma_sim.challenge.make import RecordingPlan, make_challenge
 from sma_sim.cli import latent as latent_command
 from sma_sim.cli.main import main
+from sma_sim.evidence.estimation import executors
+from sma_sim.evidence.estimation.calibrate import FitOptions
 from sma_sim.evidence.estimation.executors import PickledConfig
 from sma_sim.evidence.estimation.injection_points import ports_of
 from sma_sim.evidence.estimation.residuals import Nuisance, fit_data, weighted_residuals
@@ -39,7 +41,9 @@ from sma_sim.evidence.latent_input.sensitivities import (
     time_function_at,
     with_rows_at_knots,
 )
+from sma_sim.report.html.latent_page import quantity
 from sma_sim.solver.beginning import AT_REST, Beginning
+from sma_sim.words.json_values import finite
 from sma_sim.words.latent_input import latent_data, ranking_rows, verdict_sentences
 
 STRUCTURE = config('mas').structure
@@ -91,10 +95,18 @@ def test_with_nothing_missing_no_port_is_named():
     assert next(iter(verdict_sentences(found))).startswith('none')
 
 
-def test_a_search_that_was_stopped_at_once_says_nothing_of_ports(shaken):
+def test_a_search_that_was_stopped_at_once_says_nothing_of_ports(shaken, monkeypatch):
     _, found = shaken
-    stopped = replace(found, verdict='none', indistinguishable={}, findings=(), interrupted=True)
+
+    def interrupted(futures):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(executors, 'wait', interrupted)
+    request = LatentRequest(options=FitOptions(free=('beam.E',), kinetics='mas', starts=1, intervals=False))
+    stopped = estimate_latent_inputs(dataset(config('mas'), [4, 5], noise=1.0, rate=5.0), config('mas'), request=request)
     assert list(verdict_sentences(stopped)) == ['stopped early, before any port was evaluated']
+    assert (stopped.verdict, finite(latent_data(stopped))['probability'], stopped.interrupted) == ('stopped', None, True)
+    assert 'probability' not in stopped.facts() and quantity(stopped) == 'not known, stopped early'
     assert list(verdict_sentences(replace(found, interrupted=True)))[-1] == 'stopped early'
 
 

@@ -27,6 +27,7 @@ from sma_sim.evidence.estimation.run_subset import MAX_SUBSET_RUNS, on_all_runs,
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS, WEAKLY_DAMPED
 from sma_sim.solver.beginning import Beginning
+from sma_sim.words.fit_remarks import kinetics_sentence
 
 
 def test_a_subset_is_spread_over_the_runs_from_the_first_to_the_last():
@@ -229,3 +230,10 @@ def test_of_two_kinetics_the_more_probable_ones_are_taken(monkeypatch, evidences
     assert probabilities['mas'] == pytest.approx(odds / (1.0 + odds)) and sum(probabilities.values()) == pytest.approx(1.0)
     one, none = calibration.fit_with_kinetics(start_of(None, ('mas',)), FitOptions(), SearchContext(None, Event()))
     assert one.config.simulated_kinetics == 'mas' and not none
+    stopped = SearchContext(None, Event())
+    stopped.stop.set()
+    found, unknown = calibration.fit_with_kinetics(start_of(None), FitOptions(), stopped)
+    assert (found.config.kinetics, unknown) == ('auto', {})
+    assert kinetics_sentence(found.config, unknown) == (
+        'kinetics: none were given, and the fit was stopped before it could tell; hybrid was taken'
+    )

@@ -184,15 +184,27 @@ def test_an_effect_that_is_taken_with_unrealistic_values_is_said_to_be():
     assert any(line.startswith('Outside the plausible range: effects.radiation') for line in remarks(found))
 
 
+TRIED = SimpleNamespace(accepted=None, candidate_fits=(candidate('gravity'),))
+
+
 @pytest.mark.parametrize(
-    ('candidates', 'expected'),
+    ('candidates', 'steps', 'expected'),
     [
-        ((), 'Stopped before the search was complete. Nothing was found to be missing so far.'),
-        ((candidate('gravity'),), 'Stopped before the search was complete. Your model lacks gravity; more may be missing.'),
+        ((), {}, 'Stopped before the search was complete. No effect has been tried.'),
+        (
+            (),
+            {'selection_steps': (TRIED,)},
+            'Stopped before the search was complete. Nothing was found to be missing so far.',
+        ),
+        (
+            (candidate('gravity'),),
+            {},
+            'Stopped before the search was complete. Your model lacks gravity; more may be missing.',
+        ),
     ],
 )
-def test_a_search_that_was_stopped_says_what_it_found(candidates, expected):
-    assert headline(diagnosis('none', *candidates, stopped=True)) == expected
+def test_a_search_that_was_stopped_says_what_it_found(candidates, steps, expected):
+    assert headline(diagnosis('stopped', *candidates, stopped=True, **steps)) == expected
 
 
 def test_effects_that_held_out_runs_contradict_are_named():
@@ -248,7 +260,7 @@ def test_people_are_not_shown_codes():
         diagnosis('none', errors=(1.0,)),
         diagnosis('missing_effect', candidate('gravity')),
         diagnosis('unknown_effect', candidate('gravity')),
-        diagnosis('none', stopped=True),
+        diagnosis('stopped', stopped=True),
     ]
     for one in found:
         text = '\n'.join(as_text(one))

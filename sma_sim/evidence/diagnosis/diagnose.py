@@ -61,7 +61,8 @@ class Diagnosis(Shown, Saved, Comparable):
     Attributes
     ----------
     verdict : str
-        ``'none'``, ``'missing_effect'`` or ``'unknown_effect'``.
+        ``'none'``, ``'missing_effect'`` or ``'unknown_effect'``; ``'stopped'`` where the search was, before it found
+        anything.
     effects : tuple of str
         Names of the accepted effects, in order.
     stages : tuple of ModelStage
@@ -132,6 +133,12 @@ class Diagnosis(Shown, Saved, Comparable):
     search_ended: bool = True
     set_up: tuple[Fault, ...] = ()
 
+    @property
+    def has_compared(self) -> bool:
+        """Whether anything was compared with the nominal model, so that probabilities say something."""
+        tried = any(step.candidate_fits for step in self.selection_steps)
+        return not is_uncertain(self.set_up) and (self.search_ended or tried)
+
     def facts(self) -> Mapping[str, str]:
         """What is to be known at a glance; errors are root mean squares over the noise, 1 is perfect."""
         found = {
@@ -151,8 +158,10 @@ class Diagnosis(Shown, Saved, Comparable):
     def summary(self) -> str:
         """What is to be known, the errors from model to model, and how probable it is that something is missing, as text."""
         models = [(' + '.join(one.effects) or 'nominal', f'{one.train:.3g}', f'{one.held_out:.3g}') for one in self.stages]
-        missing = {'nothing': self.posterior.none, 'something unlisted': self.posterior.unlisted, **self.posterior.effects}
         errors = text_table(('normalized RMSE', 'fitted', 'held out'), models)
+        if not self.has_compared:
+            return '\n\n'.join([super().summary(), errors])
+        missing = {'nothing': self.posterior.none, 'something unlisted': self.posterior.unlisted, **self.posterior.effects}
         said = [
             (name, f'> {1.0 - TINY}' if p > 1.0 - TINY else f'< {TINY}' if p < TINY else f'{p:.3f}')
             for name, p in missing.items()
@@ -347,7 +356,7 @@ def search_effects(
     proposed = proposal if proposal is not None and end.stages[-1].kind == 'formula' else None
     similar = None if proposal is None or context.stop.is_set() else most_similar(proposal.fit, steps[0], context.pool)
     return Diagnosis(
-        verdict='unknown_effect' if uncertain else end.verdict,
+        verdict='unknown_effect' if uncertain else end.verdict if ended or len(path) > 1 else 'stopped',
         effects=tuple(name for name in end.last.effects if proposed is None or name != proposed.effect),
         stages=end.stages,
         selection_steps=steps,

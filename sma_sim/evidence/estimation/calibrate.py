@@ -356,17 +356,18 @@ def fit_with_kinetics(
 ) -> tuple[FitResult, Mapping[str, float]]:
     """A search with the kinetics to try; the more probable ones, and the probabilities where there are two.
 
-    Where the data do not decide they stay open, so that a later fit may choose again, and hybrid as they are by default.
+    Where the data do not decide, or Ctrl-C came before they could, they stay open, so that a later fit may choose again, and
+    hybrid as they are by default.
     """
     fits = list[FitResult]()
     for kinetics in start.kinetics:
         if not (fits and context.stop.is_set()):
             fits.append(multistart_search(start.with_kinetics(kinetics), options, context))
-    if len(fits) == 1:
+    if len(start.kinetics) == 1:
         return fits[0], {}
-    evidences = log_evidences(fits, context.pool)
-    probabilities = kinetics_probabilities(fits, evidences)
-    if abs(evidences[0] - evidences[1]) >= DECISIVE:
+    evidences = [] if context.stop.is_set() else log_evidences(fits, context.pool)  # that of a fit on its way says nothing
+    probabilities = kinetics_probabilities(fits, evidences) if evidences else {}
+    if evidences and abs(evidences[0] - evidences[1]) >= DECISIVE:
         return fits[int(np.argmax(evidences))], probabilities
     problem = fits[0].problem
     undecided = replace(problem, config=problem.config.variant(kinetics=AUTO))

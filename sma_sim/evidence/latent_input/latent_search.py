@@ -235,12 +235,12 @@ def search_inputs(training: Dataset, fitted: FitResult, may_refit: bool, context
     residuals = [run for run in residuals_at(problem, z, context.pool) if run is not None]
     error = float(np.sqrt(sum(np.vdot(run, run) for run in residuals) / problem.samples))
     result = LatentInputs(
-        'none',
+        'stopped',
         {},
         (),
         error,
         float('nan'),
-        0.0,
+        float('nan'),
         1.0,
         config,
         config.simulated_kinetics,
@@ -308,7 +308,7 @@ def evaluate_hypotheses(
     best = best_explanation(findings)
     findings.sort(key=lambda finding: finding is not best)
     probability = probability_missing([finding.log_evidence for finding in findings], len(hypotheses))
-    result = replace(result, findings=tuple(findings), noise_inflation=inflation, probability=probability)
+    result = replace(result, verdict='none', findings=tuple(findings), noise_inflation=inflation, probability=probability)
     if not refined or probability <= EVEN:
         return result
     forces_measured = any(FORCE_SENSORS.fullmatch(port.name) for port in ports)

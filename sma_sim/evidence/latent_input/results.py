@@ -72,7 +72,7 @@ class LatentInputs(Shown, Saved):
     Attributes
     ----------
     verdict
-        The name of the best hypothesis, or `none`.
+        The name of the best hypothesis, or `none`; `stopped` where the search was, before any was evaluated.
     indistinguishable
         Names of others that explain as well, and why.
     findings
@@ -80,7 +80,7 @@ class LatentInputs(Shown, Saved):
     error, held_out
         Normalized RMSE without any of them: of all data, and in gaps of the data that were left out in turn.
     probability
-        That an input is missing at one of the ports.
+        That an input is missing at one of the ports; NaN where the search was stopped before.
     noise_inflation
         The factor on the noise variance for what no port explains.
     config, model, delay
@@ -113,5 +113,6 @@ class LatentInputs(Shown, Saved):
         """What is to be known at a glance; errors are root mean squares over the noise, 1 is perfect."""
         errors = ', '.join(f'{finding.error:.3g} with {finding.name}' for finding in self.findings[:3])
         found = {'verdict': self.verdict, 'normalized RMSE': f'{self.error:.3g}{errors and f"; {errors}"}'}
-        found |= {'probability': f'{self.probability:.3g}', 'kinetics': self.model, 'recordings': listed(self.runs)}
+        found |= {} if self.verdict == 'stopped' else {'probability': f'{self.probability:.3g}'}
+        found |= {'kinetics': self.model, 'recordings': listed(self.runs)}
         return found | ({'interrupted': 'the results are those up to then'} if self.interrupted else {})

@@ -33,7 +33,8 @@ def write_latent_page(
 def quantity(found: LatentInputs) -> str:
     """What is missing, in words."""
     ports = {finding.name: finding.hypothesis.ports for finding in found.findings}.get(found.verdict, ())
-    return ' and '.join(port.description for port in ports) or found.verdict
+    unknown = 'not known, stopped early' if found.verdict == 'stopped' else found.verdict
+    return ' and '.join(port.description for port in ports) or unknown
 
 
 def missing_section(found: LatentInputs) -> Section:
