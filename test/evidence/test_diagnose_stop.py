@@ -82,8 +82,9 @@ def test_what_was_stopped_before_anything_was_compared_has_no_probabilities():
         told.append(words)
 
     request = DiagnosisRequest(options=FitOptions(free=('beam.E',), kinetics='mas', starts=1, intervals=False))
-    data = dataset(config('mas'), [4, 5], noise=1.0, rate=5.0)
-    found = diagnose(data, config('mas'), request=request, on_progress=stop_at_once)
+    data, given = dataset(config('mas'), [4, 5], noise=1.0, rate=5.0), config('mas').variant({'solver.rtol': 2e-6})
+    found = diagnose(data, given, request=request, on_progress=stop_at_once)
+    assert {stage.config.parameters['solver.rtol'] for stage in found.stages} == {2e-6}  # what was asked for
     content, said = as_data(found), '\n'.join(as_text(found))
     assert (content['verdict'], content['probabilities'], content['models']) == ('stopped', {}, [])
     assert found.interrupted and said.startswith('Stopped before the search was complete. No effect has been tried.')

@@ -104,6 +104,7 @@ def test_a_search_that_was_stopped_at_once_says_nothing_of_ports(shaken, monkeyp
     monkeypatch.setattr(executors, 'wait', interrupted)
     request = LatentRequest(options=FitOptions(free=('beam.E',), kinetics='mas', starts=1, intervals=False))
     stopped = estimate_latent_inputs(dataset(config('mas'), [4, 5], noise=1.0, rate=5.0), config('mas'), request=request)
+    assert stopped.config.parameters['solver.rtol'] == config('mas').parameters['solver.rtol']  # that which was asked for
     assert list(verdict_sentences(stopped)) == ['stopped early, before any port was evaluated']
     assert (stopped.verdict, finite(latent_data(stopped))['probability'], stopped.interrupted) == ('stopped', None, True)
     assert 'probability' not in stopped.facts() and quantity(stopped) == 'not known, stopped early'

@@ -288,7 +288,14 @@ def diagnose(
         if training.floor and held_out is not None:
             found = searched_together(found, start, held_out, request, context, faults)
         interrupted = stop.is_set()
-    return replace(found, interrupted=interrupted, seconds=time.perf_counter() - t_start)
+    found = replace(found, together=found.together and at_tolerance_of(found.together, config))
+    return replace(at_tolerance_of(found, config), interrupted=interrupted, seconds=time.perf_counter() - t_start)
+
+
+def at_tolerance_of(found: Diagnosis, config: Config) -> Diagnosis:
+    """A diagnosis whose models have the solver.rtol of a configuration."""
+    stages = (replace(stage, calibration=stage.calibration.at_tolerance_of(config)) for stage in found.stages)
+    return replace(found, stages=tuple(stages))
 
 
 def searched_together(

@@ -238,6 +238,10 @@ class Calibration(Shown, Saved):
             found['of no influence'] = listed(without)
         return found | ({} if self.converged else {'not converged': 'the best so far'})
 
+    def at_tolerance_of(self, config: Config) -> Calibration:
+        """The same with the solver.rtol that was asked for: that of a fit is its own."""
+        return replace(self, config=self.config.variant({'solver.rtol': config.parameters['solver.rtol']}))
+
     @property
     def without_influence(self) -> tuple[str, ...]:
         """Parameters that were asked for and change nothing in these data, or that these data do not determine."""
@@ -337,8 +341,8 @@ def calibrate(
         context = SearchContext(pool, Event(), silent, (), options.seed, heard)
         best, probabilities = fit_with_kinetics(start, options, context)
         found = final_calibration(dataset, best, options, context)
-    as_asked = found.config.variant({'solver.rtol': start.config.parameters['solver.rtol']})
-    return replace(found, config=as_asked, kinetics=probabilities, seconds=time.perf_counter() - t_start)
+    found = found.at_tolerance_of(start.config)
+    return replace(found, kinetics=probabilities, seconds=time.perf_counter() - t_start)
 
 
 def warn_of_small_noise(dataset: Dataset) -> None:

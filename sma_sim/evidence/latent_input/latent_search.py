@@ -165,7 +165,8 @@ def estimate_latent_inputs(
         context = SearchContext(pool, stop, report, (), request.seed)
         fitted = fitted_model(training, config, request, context)
         found = run_in_threads([partial(search_inputs, training, fitted, request.fit, context)], stop)[0]
-    return replace(found, interrupted=stop.is_set(), seconds=time.perf_counter() - t_start)
+    as_asked = found.config.variant({'solver.rtol': config.parameters['solver.rtol']})  # that of the search is its own
+    return replace(found, config=as_asked, interrupted=stop.is_set(), seconds=time.perf_counter() - t_start)
 
 
 def fitted_model(training: Dataset, config: Config, request: LatentRequest, context: SearchContext) -> FitResult:
