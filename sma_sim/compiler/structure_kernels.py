@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cache
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from functools import cache, partial
 from types import FunctionType
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from sma_sim.compiler.compile import Compiler, carray, code_of, compiled_with, content_key, first_lines_of, write_source
-from sma_sim.model.arrays import Vector
+from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.layout import O_DEPS, O_DL, O_EPS, O_F, O_LENGTH, O_RATIO, O_V, RANGE
 from sma_sim.model.parameters import is_number
 from sma_sim.model.structures.discovery import StructureError
@@ -20,6 +21,8 @@ SERIES = 'QVF'  # letters of the coordinates, their rates and the forces of all 
 STEP = 1e-2  # of the differences of lengths, relative to the scale of a coordinate
 WEIGHTS = (45.0 / 60.0, -9.0 / 60.0, 1.0 / 60.0)  # of sixth order: at this step their error is rounding
 AGREEMENT = 1e-6  # of gradients by hand with differences, relative to the largest
+LITTLE_STRAIN = 0.1  # by STEP of which differences of strain are made
+TINY = 1e-300  # of what is divided by, where there is no spring
 OF_EFFECTS = ('stiffness', 'gravity')  # which effects call, not the structure's own kernels
 TRIED_POSE = 0.1  # relative to the scale of each coordinate
 MAX_EFFECTS = 64  # on one structure
@@ -108,8 +111,7 @@ def checked_kernels(structure: Structure) -> dict[str, Kernel]:
         if python is not None:
             value = checked_value(structure, role, python, tuple(example[letter] for letter in takes), returns)
             kernels[role] = Kernel(python, takes, returns, isinstance(value, tuple))
-    if 'gradients' in kernels:
-        check_gradients(one, constants)
+    check_agreement(structure)
     return {role: kernel for role, kernel in kernels.items() if role not in OF_EFFECTS}
 
 
@@ -134,30 +136,94 @@ def checked_value(structure: Structure, role: str, python: Callable[..., Any], g
     return value
 
 
-def check_gradients(structure: Structure, constants: Any) -> None:
-    """Raise StructureError where a gradient by hand is not that of the lengths."""
-    scales = np.array([c.size(constants) for c in structure.coordinates])
-    pose = record('Pose', structure.coordinate_names)
-    lengths, gradients = structure.lengths, structure.gradients
-    assert lengths is not None and gradients is not None
-    for part in CHECKED_POSES:
-        at = part * scales
-        by_hand = np.array(numbers(gradients(pose(*at), constants))).reshape(structure.wires, -1)
-        for j, scale in enumerate(scales):
-            slope = np.zeros(structure.wires)
-            for k, weight in enumerate(WEIGHTS, start=1):
-                step = np.zeros(len(scales))
-                step[j] = k * STEP * scale
-                ahead, behind = (np.array(numbers(lengths(pose(*(at + s * step)), constants))) for s in (1.0, -1.0))
-                slope += weight * (ahead - behind) / (STEP * scale)
-            worst = int(np.argmax(np.abs(slope - by_hand[:, j])))
-            largest = max(1e-3, float(np.abs(by_hand).max()))
-            if not abs(slope[worst] - by_hand[worst, j]) <= AGREEMENT * largest:
-                raise StructureError(
-                    f'structure {structure.name!r}: its gradients give {by_hand[worst, j]:g} for wire {worst + 1} in '
-                    f'{structure.coordinate_names[j]}, differences of its lengths {slope[worst]:g}; leave gradients out to '
-                    'have them found'
-                )
+def check_agreement(structure: Structure) -> None:
+    """Raise StructureError where what a structure declares twice over does not agree, at some poses.
+
+    Poses at which a function has no value say nothing.
+    """
+    one = segment_of(structure)
+    constants, pose = structure.default_constants, record('Pose', one.coordinate_names)
+    scales = np.array([c.size(constants) for c in one.coordinates])
+    still, found = pose(*np.zeros(len(scales))), list[str]()
+    with suppress(ArithmeticError, ValueError):
+        for part in CHECKED_POSES:
+            found += disagreements(structure, part * scales, scales)
+        found += odd_stiffness(structure, [pose(*part * scales) for part in CHECKED_POSES], still)
+    if found:
+        raise StructureError(f'structure {structure.name!r}: its {found[0]}')
+
+
+def disagreements(structure: Structure, at: Vector, scales: Vector) -> Iterator[str]:
+    """What functions give by hand at a pose, and differences of others do not."""
+    one, constants, l0 = segment_of(structure), structure.default_constants, structure.default_values['wire.l0']
+    pose, names = record('Pose', one.coordinate_names), one.coordinate_names
+    lengths, strain, energy, forces = one.lengths, one.strain, structure.energy, structure.forces
+    assert lengths is not None
+    if one.gradients is not None:
+        by_hand = np.reshape(numbers(one.gradients(pose(*at), constants)), (one.wires, -1))
+        slopes = slopes_of(lambda q: numbers(lengths(pose(*q), constants)), at, scales)
+        for (i, j), value in odd_slopes(by_hand, slopes):
+            yield (
+                f'gradients give {value:g} for wire {i + 1} in {names[j]}, differences of its lengths {slopes[i, j]:g}; '
+                'leave gradients out to have them found'
+            )
+    for length in numbers(lengths(pose(*at), constants)) if strain is not None else ():
+        assert strain is not None
+        eps = partial(strain_at, strain, constants, l0)
+        slopes = slopes_of(eps, np.array([length]), np.array([LITTLE_STRAIN * l0]))
+        for _, value in odd_slopes(np.array([[strain(length, constants)[1]]]), slopes):
+            yield (
+                f'strain gives {value:g} as its second value at l = {length:g} m, wire.l0 times differences of its first '
+                f'{slopes[0, 0]:g}: expected l0 deps/dl'
+            )
+    if energy is not None and forces is not None and not (structure.segment or structure.loads):
+        still = pose(*np.zeros(len(scales)))
+        slopes = slopes_of(lambda q: (-energy(pose(*q), still, constants),), at, scales)
+        for (_, j), value in odd_slopes(np.array([numbers(forces(pose(*at), still, constants))]), slopes):
+            yield f'forces give {value:g} in {names[j]} at rest, differences of its energy {slopes[0, j]:g}'
+
+
+def strain_at(strain: Callable[..., Any], constants: Any, l0: float, length: Vector) -> tuple[float]:
+    """l0 times what a `strain` gives for a length (1,) [m]."""
+    return (l0 * strain(length[0], constants)[0],)
+
+
+def slopes_of(function: Callable[[Vector], Any], at: Vector, scales: Vector) -> Matrix:
+    """The derivatives of a function's values (values, arguments), by differences."""
+    columns = []
+    for step in STEP * np.diag(scales):
+        pairs = ((w, np.subtract(function(at + k * step), function(at - k * step))) for k, w in enumerate(WEIGHTS, start=1))
+        columns.append(sum(w * change for w, change in pairs) / step.sum())
+    return np.transpose(columns)
+
+
+def odd_slopes(by_hand: Matrix, slopes: Matrix) -> Iterator[tuple[tuple[int, int], float]]:
+    """Where derivatives are not those by differences, and what they are."""
+    largest = max(1e-3, float(np.abs(by_hand).max()))
+    for i, j in np.argwhere(~(np.abs(slopes - by_hand) <= AGREEMENT * largest)).tolist():
+        yield (i, j), float(by_hand[i, j])
+
+
+def odd_stiffness(structure: Structure, poses: Sequence[Any], still: Any) -> Iterator[str]:
+    """Of a stiffness that is not in proportion to its part, or many times the springs that `forces` have.
+
+    Forces may depend on the pose by more than springs, as by weights: what the two differ by is then another function.
+    """
+    one, constants = segment_of(structure), structure.default_constants
+    stiffness, forces = one.stiffness, one.forces
+    if stiffness is None or forces is None or structure.loads:
+        return
+    whole, half = (np.array([numbers(stiffness(q, constants, g)) for q in (still, *poses)]) for g in (1.0, 0.5))
+    if np.abs(whole - 2.0 * half).max() > AGREEMENT * np.abs(whole).max():
+        yield 'stiffness is not in proportion to its part: expected the forces of the springs, times part'
+    shown = np.array([numbers(forces(q, still, constants)) for q in (still, *poses)])
+    springs, left = whole - whole[0], shown - shown[0] + whole - whole[0]
+    share = float(np.vdot(left, springs)) / max(float(np.vdot(springs, springs)), TINY)
+    if abs(share) > AGREEMENT and np.abs(left - share * springs).max() <= AGREEMENT * np.abs(springs).max():
+        yield (
+            f'stiffness with part 1 gives other springs than its forces, which have {1.0 - share:g} times as much: expected '
+            'that these hold -stiffness(q, p, 1)'
+        )
 
 
 def kinematics_text(structure: Structure, kernels: dict[str, Kernel]) -> str:

@@ -61,9 +61,10 @@ def load(path: str | Path, effects: Iterable[Effect] = (), structures: Iterable[
     path : str or Path
         The file (.npz).
     effects : iterable of Effect
-        Effects of your own that the result has: a file runs no code, and does not hold them.
+        Effects of your own that the result has: a file runs no code, and does not hold them. They must have the parameters
+        of the saved ones, by name and unit; what their kernels do is not compared.
     structures : iterable of Structure
-        Likewise.
+        Likewise, with the coordinates and parameters of the saved ones.
 
     Returns
     -------
@@ -73,7 +74,8 @@ def load(path: str | Path, effects: Iterable[Effect] = (), structures: Iterable[
     Raises
     ------
     UserError
-        For a file that cannot be read or is no result, and for effects or structures of your own that are not given.
+        For a file that cannot be read or is no result, and for effects or structures of your own that are not given, or are
+        others of the same name.
 
     Examples
     --------
@@ -179,8 +181,13 @@ class Writer:
             shown: dict[str, Any] = {'scope': value.scope.name, 'parameters': value.parameters, 'title': value.title}
             return {'effect': value.plain_name, 'fields': self.plain(shown | {'structure': value.structure})}
         if isinstance(value, Structure):
-            return {'structure': value.name, 'family': value.family}
+            return {'structure': value.name, 'family': value.family, 'declared': declared_names(value)}
         return {'class': class_name(value), 'fields': {f.name: self.plain(getattr(value, f.name)) for f in fields(value)}}
+
+
+def declared_names(structure: Structure) -> dict[str, str]:
+    """The units of a structure's coordinates and parameters by name."""
+    return {one.name: one.unit for one in structure.coordinates} | {n: p.unit for n, p in structure.declared.items()}
 
 
 COLLECTIONS: Mapping[str, type] = {'tuple': tuple, 'list': list, 'frozenset': frozenset, 'set': set}
@@ -250,7 +257,7 @@ class Reader:
         if 'effect' in plain:
             return self._effect(plain['effect'], self.value(plain['fields']))
         if 'structure' in plain:
-            return self._structure(plain['structure'], plain['family'])
+            return self._structure(plain['structure'], plain['family'], plain.get('declared'))
         kind = self._named(plain['class'], type)
         names, renamed = {field.name for field in fields(kind)}, getattr(kind, 'old_names', {})
         given = {renamed.get(name, name): one for name, one in plain['fields'].items()}
@@ -268,14 +275,25 @@ class Reader:
         if shown['scope']:
             found = with_scopes({name: found}, [f'{name}@{shown["scope"]}'])[f'{name}@{shown["scope"]}']
         parameters: tuple[Parameter, ...] = shown['parameters']
+        of_file, given = [{one.name: one.unit for one in some} for some in (parameters, found.parameters)]
+        if found.is_own and of_file != given:
+            raise self._differs('effect', name, of_file, given)
         is_same = found.parameters == parameters and found.title == shown['title']
         return found if is_same else found.derived(parameters=parameters, title=shown['title'])
 
-    def _structure(self, name: str, family: str) -> Structure:
+    def _differs(self, kind: str, name: str, of_file: Mapping[str, str], given: Mapping[str, str]) -> UserError:
+        """An error for what the user gave and what has only its name in common with what was saved."""
+        had, has = (', '.join(f'{one} [{unit}]' for one, unit in names.items()) or 'none' for names in (of_file, given))
+        return UserError(f'{self._path} was saved with {kind} {name} of {had}; expected the same, got one of {has}')
+
+    def _structure(self, name: str, family: str, of_file: Mapping[str, str] | None) -> Structure:
         base = self._structures.get(name) or self._structures.get(family)
         if base is None:
             raise UserError(f'{self._path} has a structure of your own, {name}: give load(..., structures=[...]) it')
         size = base.size_name
         low, high = base.declared[size].bounds if size else (0.0, -1.0)
         sizes = (structure_of_size(base, {size: float(k)}) for k in range(int(low), int(high) + 1))
-        return base if base.name == name else next(one for one in sizes if one.name == name)
+        found = base if base.name == name else next(one for one in sizes if one.name == name)
+        if of_file is not None and found.original not in package_structures() and of_file != declared_names(found):
+            raise self._differs('structure', name, of_file, declared_names(found))
+        return found

@@ -252,6 +252,20 @@ def test_a_structure_that_is_named_later_changes_no_recording_of_another():
             KNOWN.pop(name, None)
 
 
+def test_a_structure_of_the_same_name_is_not_taken_for_the_saved_one(tmp_path):
+    own = pusher()
+    fitted = Config(system=own)
+    heating = sma_sim.Input([0.0, 1.0, 3.0], [[0.0, 298.0], [0.6, 298.0], [0.0, 298.0]], (False,) * 2, ('J_W', 'T_E_K'))
+    run = simulate(fitted, heating, 5.0)
+    data = Dataset(Recording('own', 'pusher', run.time, {'x': run['x_m']}, heating), {'x': 1e-6})
+    compared = sma_sim.compare(data, fitted, nuisances=False)
+    file = compared.save(tmp_path / 'own.npz')
+    assert sma_sim.load(file, structures=[own]) == compared
+    other = replace(own, parameters=(*own.parameters, sma_sim.Parameter('c', 1.0, 'N', (0.0, 2.0), 'more')))
+    with pytest.raises(UserError, match='saved with structure pusher of x .m., .*; expected the same, got .* pusher.c .N.'):
+        sma_sim.load(file, structures=[other])
+
+
 def test_a_file_runs_no_code_and_says_what_it_lacks(tmp_path):
     fin = own_effect('fin')
     run = sma_sim.compare(one(), Config(effects=[fin(k=2e-3)]), nuisances=False)
@@ -259,6 +273,9 @@ def test_a_file_runs_no_code_and_says_what_it_lacks(tmp_path):
     with pytest.raises(UserError, match=r'effect of your own, fin: give load\(\.\.\., effects='):
         sma_sim.load(file)
     assert sma_sim.load(file, effects=[fin]) == run
+    other = replace(fin, parameters=(replace(fin.parameters[0], name='g'),))
+    with pytest.raises(UserError, match=r'saved with effect fin of k \[W/K\]; expected the same, got one of g \[W/K\]'):
+        sma_sim.load(file, effects=[other])
     content = np.load(file)['content'].tobytes().decode()
     assert 'sma_sim.evidence.residual_analysis.compare:Comparison' in content
     for other in ('os:system', 'sma_sim.model.archive:load', 'sma_sim.model.archive:np'):

@@ -83,6 +83,14 @@ def changed(**fields):
     ('fields', 'words'),
     [
         ({'gradients': lambda q, p: 1.0}, 'its gradients give 1 for wire 1 in position, differences of its lengths -1'),
+        (
+            {'strain': lambda length, p: (length / 0.094 - 1.0, 1.0 / 0.094)},
+            'its strain gives 10.6383 as its second value at l = .* m, wire.l0 times differences of its first 1.0',
+        ),
+        ({'stiffness': lambda q, p, part: 10.0 * part * p.k * q.position}, 'its stiffness .* have 0.1 times as much'),
+        ({'stiffness': lambda q, p, part: -part * p.k * q.position}, 'its stiffness .* have -1 times as much'),
+        ({'stiffness': lambda q, p, part: p.k * q.position}, 'its stiffness is not in proportion to its part'),
+        ({'energy': lambda q, v, p: 5.0 * p.k * (q.position + p.x_0) ** 2}, 'its forces give .* differences of its energy'),
         ({'forces': lambda q, v, p: (0.0, 0.0)}, r'its forces returns 2 number\(s\); expected 1'),
         ({'lengths': lambda q, p: p.nothing}, "its lengths fails: AttributeError: .*'nothing'"),
         ({'lengths': lambda q, p: sorted([p.L - q.position])[0]}, 'cannot be compiled'),

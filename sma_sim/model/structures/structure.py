@@ -202,7 +202,7 @@ class Structure:
     drawing : Drawing, optional
         Where the wires are in a pose, for pictures and TF; without it, side by side, as long as they are.
     energy : callable, optional
-        ``energy(q, v, p)`` is the kinetic and potential energy [J], which tests hold against the forces.
+        ``energy(q, v, p)`` is the kinetic and potential energy [J]; at rest `forces` are its negative slope.
     segment : Structure, optional
         One of the equal segments of a structure in series (`structures.series`); lengths, gradients and forces that are
         compiled are this one's.
