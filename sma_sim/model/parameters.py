@@ -6,6 +6,7 @@ The names are those of the YAML file, of ``--set`` and of the ROS parameters. `W
 
 from __future__ import annotations
 
+import keyword
 import math
 import sys
 from collections.abc import Mapping
@@ -76,6 +77,8 @@ def fault_of(parameter: Parameter) -> str:
     name, unit, bounds = parameter.name, parameter.unit, parameter.bounds
     if not (isinstance(name, str) and name.replace('.', '_').isidentifier()):
         return f'parameter {name!r}: expected a name of letters, digits and _'
+    if keyword.iskeyword(name.rpartition('.')[2]):
+        return f'parameter {name!r}: a word of Python, which no kernel could read; expected another one, such as {name}_'
     if not (isinstance(bounds, tuple) and len(bounds) == 2 and all(map(is_number, (parameter.default, *bounds)))):
         return f'parameter {name}: expected numbers, got default {parameter.default!r}, bounds {bounds!r}'
     if not (parameter.neutral is None or is_number(parameter.neutral)):
@@ -95,6 +98,13 @@ def fault_of(parameter: Parameter) -> str:
     for kind, value in (('default', parameter.default), ('neutral', parameter.neutral)):
         if value is not None and not low <= value <= high:
             return f'parameter {name}: {kind} {value:g} {unit}; expected {low:g} to {high:g}'
+    least, most = ranges['realistic']
+    if not low <= least <= most <= high:
+        return (
+            f'parameter {name}: realistic {least:g} to {most:g} {unit}; expected a part of its bounds, {low:g} to {high:g}'
+        )
+    if not least <= parameter.default <= most and parameter.default != parameter.neutral:
+        return f'parameter {name}: default {parameter.default:g} {unit}; expected a realistic one, {least:g} to {most:g}'
     return ''
 
 

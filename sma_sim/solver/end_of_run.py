@@ -10,12 +10,13 @@ from itertools import product
 import numpy as np
 
 from sma_sim.model.arrays import Vector
+from sma_sim.model.automaton import INNER
 from sma_sim.model.config import Config
 from sma_sim.model.effects.meaning import idle_effects
 from sma_sim.model.effects.ports import call_effect
 from sma_sim.model.errors import PhysicsWarning
 from sma_sim.model.expected_units import mismatch_of
-from sma_sim.model.layout import O_S_A, O_S_M, Evaluation, InputPoint, System
+from sma_sim.model.layout import O_S_A, O_S_M, O_SIGMA, Evaluation, InputPoint, System, SystemState
 from sma_sim.model.material import heat_capacity
 from sma_sim.model.system import flow
 from sma_sim.solver.effect_table import acting_order, own_scratch
@@ -28,6 +29,8 @@ MELTING_POINT = 1583.0  # [K] of NiTi: 1310 deg C (Massalski, Binary Alloy Phase
 LATER = (0.0, *(sign * 10.0**k for k in (-6, -4, -2, 0) for sign in (1.0, -1.0)))  # [s]: about the lengths of steps
 BUCKLED = 5e7  # [Pa] of compression, which no thin wire bears; a few MPa are errors of a model and its start
 NONE = np.zeros(0)
+TRANSFORMING_PORTS = ('wire_strain', 'transformation_stress')
+FRACTIONS = (0.0, 0.25, 0.5, 0.75, 1.0)  # of martensite, at which it is looked whether stress falls
 NO_CAPACITY = 0.1  # of a wire's own, where a run that cannot go on is said to lack it
 
 
@@ -136,13 +139,44 @@ def melting_note(temperatures: Vector) -> str:
     )
 
 
-def compression_note(columns: Mapping[str, Vector]) -> str:
-    """How far a single wire was pushed together, '' where it was not."""
-    stress = columns.get('stress_Pa', NONE)
-    least = float(stress[np.isfinite(stress)].min(initial=0.0))
-    if least > -BUCKLED:
+def compression_note(model: Model, columns: Mapping[str, Vector]) -> str:
+    """How far a straight wire was pushed together, '' where none was."""
+    stresses, section = {'the wire': columns.get('stress_Pa', NONE)}, model.wire.n * model.wire.section
+    if model.structure.strain is None:
+        words = ('wire' + suffix.replace('_', ' ') if suffix else 'the wire' for suffix in model.structure.wire_suffixes)
+        forces = (columns.get(f'F{suffix}_N', NONE) for suffix in model.structure.wire_suffixes)
+        stresses |= {name: force / section for name, force in zip(words, forces, strict=True) if len(force)}
+    least = {name: float(stress[np.isfinite(stress)].min(initial=0.0)) for name, stress in stresses.items()}
+    name = min(least, key=lambda one: least[one])
+    if least[name] > -BUCKLED:
         return ''
-    return f'the wire comes to {1e-6 * least:.0f} MPa: a wire that is pushed buckles, which the model does not know'
+    return f'{name} comes to {1e-6 * least[name]:.0f} MPa: a wire that is pushed buckles, which the model does not know'
+
+
+def rising_stress_note(model: Model, run: Run) -> str:
+    """Which effects make the stress of a wire rise with its martensite, '' for none: what transforms is then not determined,
+    and a wire leaps from one phase to the other or stays where it is (docs/how-to/write-an-effect.md)."""
+    names = [one.effect.name for one in model.config.effects if one.effect.port in TRANSFORMING_PORTS]
+    if not names:
+        return ''
+    p, compliance = model.compiled, 1.0 / model.wire.E_A + np.array(FRACTIONS)[:, None, None] * model.wire.d
+    edges, stresses = [], []
+    for x in FRACTIONS:
+        y, inner = run.state.y.copy(), np.full(p.wires, INNER)
+        if p.mas:
+            y[p.first_x : p.first_x + p.wires] = x
+        found = evaluated(model, run._replace(state=SystemState(y, inner, np.full(p.wires, x))))[2].obs
+        edges.append(found[:, [O_S_A, O_S_M]])
+        stresses.append(found[:, [O_SIGMA]])
+    tense = np.array(edges) - np.minimum(edges[0], 0.0)  # at a temperature at which wires transform in tension
+    strains = compliance * (tense - np.array(stresses))  # from the strain of now to that at which a wire transforms, by x
+    rising = np.flatnonzero((np.diff(strains, axis=0) < 0.0).any(axis=(0, 2)))
+    if not len(rising):
+        return ''
+    return (
+        f'the stress of wire {rising[0] + 1} does not fall while it becomes martensite, so that how it transforms is not '
+        f'determined: check {" and ".join(names)}, whose sign may be the wrong one'
+    )
 
 
 def limit_notes(model: Model, columns: Mapping[str, Vector]) -> list[str]:

@@ -37,6 +37,7 @@ from sma_sim.solver.end_of_run import (
     melting_note,
     notes_on_commands,
     notes_on_start,
+    rising_stress_note,
     stop_reason,
     warn_of_idle_effects,
 )
@@ -389,12 +390,11 @@ def trajectory(
     """
     written = slice(int(log.written[0]))
     columns, resistances = named_columns(model.structure, log.samples[written], log.numbers)
-    doubts = [melting_note(temperatures_of(model, columns, run)), compression_note(columns), *limit_notes(model, columns)]
-    for doubt in filter(None, [] if are_channels(log.numbers, model.structure) else doubts):  # a fit tries much
+    time, inputs, is_fit = times[written], dict[str, Vector](), are_channels(log.numbers, model.structure)
+    for doubt in () if is_fit else doubts_of(model, columns, run):  # a fit tries much
         warnings.warn(doubt, PhysicsWarning, stacklevel=4)  # at the line that calls `simulate`
         notes = (*notes, doubt)
-    time, inputs = times[written], dict[str, Vector]()
-    if source is not None and not are_channels(log.numbers, model.structure):
+    if source is not None and not is_fit:
         inputs = {name: values for name, values in inputs_at(source, time).items() if name != 'time_s'}
     return Trajectory(
         time=time,
@@ -411,6 +411,13 @@ def trajectory(
         state=run,
         notes=notes,
     )
+
+
+def doubts_of(model: Model, columns: Mapping[str, Vector], run: Run) -> list[str]:
+    """What in a run no robot would survive, or no wire do."""
+    melting = melting_note(temperatures_of(model, columns, run))
+    found = [melting, rising_stress_note(model, run), compression_note(model, columns), *limit_notes(model, columns)]
+    return [doubt for doubt in found if doubt]
 
 
 def unit_of(column: str, structure: Structure) -> str:

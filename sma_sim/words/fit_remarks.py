@@ -25,7 +25,9 @@ def remarks_on(found: Calibration) -> list[str]:
     if found.rtol > FINAL_RTOL and found.free:
         begin = f'With these parameters runs cannot be made at the tolerance of a last fit, {FINAL_RTOL:g}'
         remarks.append(f'{begin}: errors and intervals are those of {found.rtol:g}')
-    remarks += [f'not determined by these data: {name}' for name in (found.uncertainty.unseen if found.uncertainty else ())]
+    unseen, held = found.uncertainty.unseen if found.uncertainty else (), found.held_by_prior
+    remarks += [f'not determined by these data: {name}' for name in unseen if name not in held]
+    remarks += [f'its prior tells more than these data: {words}' for words in held.values()]
     remarks += [limit.text for limit in found.limits]
     remarks += [f'{parameter.name} was kept fixed: {parameter.reason}' for parameter in found.fixed]
     remarks += [implausible_sentence(found.implausible)] if found.implausible else []

@@ -25,6 +25,7 @@ from sma_sim.model.archive import MOVED, resolved
 from sma_sim.model.progress import ProgressLine
 from sma_sim.model.structures.discovery import KNOWN
 from sma_sim.observer import Observer
+from sma_sim.words.fit_remarks import remarks_on
 
 ROOT = Path(__file__).resolve().parents[2]
 COMMAND = module_input([0.0, 1.0, 5.0, 12.0], [0.0, 11.0, -6.0, 0.0])
@@ -126,10 +127,17 @@ def test_a_rate_may_be_any_number():
 
 def test_a_run_that_no_structure_bears_is_said():
     pull = sma_sim.wire_input([0.0, 60.0], [0.0, -0.06])
+    swelling = replace(own_effect('swelling'), port='wire_strain', kernel=lambda s, w, p: -80.0 * p.k * s.x)
+    shift = replace(
+        own_effect('shift'), port='transformation_stress', kernel=lambda s, w, p: (-2e12 * p.k * s.x, -2e12 * p.k * s.x)
+    )
     soft = replace(pusher(), coordinates=(sma_sim.Coordinate('x', 'm', 1e-3, limit=1e-4),))
     heating = sma_sim.Input([0.0, 1.0, 3.0], [[0.0, 298.0], [0.6, 298.0], [0.0, 298.0]], (False,) * 2, ('J_W', 'T_E_K'))
     for words, config, source in (
         ('the wire comes to -7.. MPa: .* buckles', Config(system='wire'), pull),
+        ('wire 1 comes to -1.. MPa: .* buckles', Config(effects=[shift], kinetics='hybrid'), COMMAND),
+        ('the stress of wire 1 does not fall .* check shift,', Config(effects=[shift], kinetics='mas'), COMMAND),
+        ('the stress of wire 1 does not fall .* check swelling,', Config(effects=[swelling]), COMMAND),
         ('x comes to .* beyond its limit of 0.0001 m', Config(system=soft), heating),
     ):
         with pytest.warns(sma_sim.PhysicsWarning, match=words):
@@ -333,6 +341,15 @@ def test_a_freed_parameter_that_changes_nothing_is_named(dataset):
         found = sma_sim.calibrate(dataset, config, replace(options, free=('beam.E', name)))
         assert name in found.without_influence and 'beam.E' not in found.without_influence
         assert f'of no influence {name}' in repr(found)
+
+
+def test_a_parameter_that_its_prior_holds_is_not_said_to_have_no_influence(dataset):
+    """A standard deviation that was meant as a part of the value: the prior is what holds it, not the data."""
+    start = Config({'beam.E': 1.9e9}, priors={'beam.E': 0.05})
+    for options in (QUICK, replace(QUICK, intervals=False)):
+        found = sma_sim.calibrate(dataset, start, replace(options, free=('beam.E',)))
+        assert found.without_influence == () and 'held by priors beam.E (given as known to 0.05 Pa)' in repr(found)
+        assert 'its prior tells more than these data: beam.E (given as known to 0.05 Pa)' in remarks_on(found)
 
 
 def test_progress_is_shown_where_it_is_seen(capsys, monkeypatch):

@@ -16,6 +16,7 @@ from sma_sim.evidence.estimation.recording_differences import zeros_of
 from sma_sim.evidence.estimation.residuals import elapsed, fit_data
 from sma_sim.evidence.estimation.run_estimates import score_overdispersion, shown_value
 from sma_sim.model.effects.discovery import find_effects
+from sma_sim.model.parameters import Parameter
 from sma_sim.model.program_parameters import DEFAULTS
 
 
@@ -93,6 +94,14 @@ def test_values_of_a_recording_have_errors_in_their_unit():
     assert (value, std) == (log.value(0.3), pytest.approx(log.value(0.3) * log.scale * 0.1))
     assert shown_value(linear, 0.3, 0.1) == (linear.value(0.3), pytest.approx(linear.scale * 0.1))
     assert shown_value(log, 10.0 * log.high, 0.1)[0] == log.value(log.high)
+
+
+def test_all_realistic_values_are_within_the_reach_of_a_fit():
+    """Also where a value is far outside, as of an effect that was given so: a thousand times too much is no limit."""
+    k = Parameter('k', 5e-3, 'W/K', (0.0, 10.0), '', neutral=0.0, realistic=(1e-4, 1e-2))
+    far, usual = free_parameter('effects.fin.k', 1.0, k), free_parameter('effects.fin.k', k.default, k)
+    assert far.value(far.low) <= k.realistic[0] and far.value(far.high) > 1.5
+    assert usual.scale == pytest.approx(0.5 * (k.realistic[1] - k.realistic[0]))
 
 
 def test_scatter_is_counted_beside_the_unknowns_that_were_fitted(run):

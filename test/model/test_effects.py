@@ -344,6 +344,10 @@ def test_driver_of_limited_rate_lags_without_a_limit():
     )
 
 
+def named(name, **other):
+    return Parameter(name, 0.5, 'W', (0.0, 1.0), 'a power', neutral=0.0, **other)
+
+
 @pytest.mark.parametrize(
     ('change', 'message'),
     [
@@ -351,6 +355,10 @@ def test_driver_of_limited_rate_lags_without_a_limit():
         ({'states': ('z',)}, 'states need a rate and one scale each'),
         ({'states': ('z',), 'rate': len, 'scale': (0.0,)}, 'usual changes of the states, more than 0'),
         ({'port': 'sensing'}, 'expected one of misalignment, gain'),
+        ({'parameters': (named('lambda'),)}, "parameter 'lambda': a word of Python"),
+        ({'parameters': (named('a.b'),)}, "parameter 'a.b': expected a name of letters, digits and _, without a group"),
+        ({'parameters': (named('k', realistic=(2.0, 3.0)),)}, 'realistic 2 to 3 W; expected a part of its bounds, 0 to 1'),
+        ({'parameters': (named('k', realistic=(0.1, 0.2)),)}, 'default 0.5 W; expected a realistic one, 0.1 to 0.2'),
     ],
 )
 def test_wrong_declarations_are_refused(change, message):

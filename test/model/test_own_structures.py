@@ -133,6 +133,8 @@ def test_files_of_structures_that_cannot_be_used(tmp_path):
             r'its lengths give \[1.0\] for wire 1; expected a number',
         ),
         ("'k', 50.0", "'k', math.nan", 'parameter k: default nan N/m; expected 0 to 100000'),
+        ("'k', 50.0", "'lambda', 50.0", "parameter 'lambda': a word of Python"),
+        ("'angle', 'rad'", "'lambda', 'rad'", "coordinate 'lambda': a word of Python"),
         ("Parameter('k', 50.0, 'N/m', (0.0, 1e5), 'stiffness of each spring')", "'k'", "a list of Parameter; got 'k'"),
         ("'rocker.k', 'rocker.b'", "'rocker.c',", 'fitted names rocker.c, which is no parameter; its own are rocker.a'),
         ("'wire.n'", "'wire.N'", 'defaults names wire.N, which is no parameter'),

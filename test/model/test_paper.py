@@ -22,6 +22,7 @@ from sma_sim.solver.paper_experiments import (
     slow_sine,
     stress_strain_loop,
 )
+from sma_sim.solver.simulate import STOPPED
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = ['hysteresis.png', 'loops.png', 'paper.md', 'random.png']
@@ -114,7 +115,7 @@ def test_a_run_that_is_cut_short_is_no_result(monkeypatch):
         return type('Run', (), {'reason': reason, 'completed': False, 'end': 1.0})()
 
     source = random_steps(np.random.default_rng(1))
-    monkeypatch.setattr(paper_experiments, 'simulate', lambda *_: stopped(_, paper_experiments.STOPPED))
+    monkeypatch.setattr(paper_experiments, 'simulate', lambda *_: stopped(_, STOPPED))
     with pytest.raises(KeyboardInterrupt):
         complete_run(Model(), source)
     monkeypatch.setattr(paper_experiments, 'simulate', lambda *_: stopped(_, 'step limit reached'))

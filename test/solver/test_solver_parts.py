@@ -8,7 +8,7 @@ import pytest
 from systems import WHOLE_ROWS, active, make_model
 
 from sma_sim import Config, Input, Model, UserError, module_input, simulate, wire_input
-from sma_sim.compiler.structure_kernels import check_gradients
+from sma_sim.compiler.structure_kernels import check_agreement
 from sma_sim.model.automaton import INNER
 from sma_sim.model.layout import O_DL, O_DX, O_F, O_J, O_LENGTH, O_SIGMA, O_V, O_X, SystemState
 from sma_sim.model.program_parameters import DEFAULTS
@@ -332,12 +332,12 @@ def test_a_wrong_gradient_is_told_by_its_wire_and_coordinate(name):
             found[off] += 1e-3 * np.abs(found).max()
         return tuple(found.ravel())
 
-    check_gradients(replace(structure, gradients=slopes), constants)
+    check_agreement(replace(structure, gradients=slopes))
     for i in range(structure.wires):
         for j in range(n):
             wrong = replace(structure, gradients=lambda q, p, off=(i, j): slopes(q, p, off))
             with pytest.raises(StructureError, match=f'for wire {i + 1} in {structure.coordinate_names[j]}'):
-                check_gradients(wrong, constants)
+                check_agreement(wrong)
 
 
 def test_errors_are_weighed_by_the_tolerance_and_the_sizes_of_states():

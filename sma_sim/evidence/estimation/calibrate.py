@@ -236,6 +236,8 @@ class Calibration(Shown, Saved):
             found['at a limit'] = listed(self.at_bound)
         if without := self.without_influence:
             found['of no influence'] = listed(without)
+        if held := self.held_by_prior:
+            found['held by priors'] = listed(held.values())
         return found | ({} if self.converged else {'not converged': 'the best so far'})
 
     def at_tolerance_of(self, config: Config) -> Calibration:
@@ -245,11 +247,22 @@ class Calibration(Shown, Saved):
     @property
     def without_influence(self) -> tuple[str, ...]:
         """Parameters that were asked for and change nothing in these data, or that these data do not determine."""
-        unseen = (name for name, one in self.intervals.items() if not one.seen)
-        unmoved = (
-            one.name for one in self.free if not self.intervals and abs(one.coordinate(self.values[one.name])) < UNMOVED
-        )
-        return (*(one.name for one in self.fixed), *unseen, *unmoved)
+        return (*(one.name for one in self.fixed), *(name for name in self._unseen if name not in self.config.priors))
+
+    @property
+    def held_by_prior(self) -> Mapping[str, str]:
+        """Parameters of which these data tell less than the standard deviations that were given (`Config.priors`), in words
+        by name."""
+        units = {one.name: f' {one.unit}'.removesuffix(' -') for one in self.free}
+        known = {name: self.config.priors[name] for name in self._unseen if name in self.config.priors}
+        return {name: f'{name} (given as known to {std:g}{units[name]})' for name, std in known.items()}
+
+    @property
+    def _unseen(self) -> list[str]:
+        """Parameters that these data do not determine, or that have not moved where that is not known."""
+        if self.intervals:
+            return [name for name, one in self.intervals.items() if not one.seen]
+        return [one.name for one in self.free if abs(one.coordinate(self.values[one.name])) < UNMOVED]
 
     def summary(self) -> str:
         """What is to be known, and every parameter with its 95 % interval and unit, as text."""

@@ -159,8 +159,9 @@ def free_parameter(name: str, value: float, declared: Parameter, std: float | No
         bottom = max(-reach, math.log(low / value) / scale) if low > 0.0 else -reach
         top = min(reach, math.log(high / value) / scale)
         return FreeParameter(name, value, scale, bottom, top, True, declared.unit, plausible)
-    width = declared.realistic[1] - declared.realistic[0] if declared.realistic else abs(value) or 1.0
-    scale = width / 2.0 if std is None else std
+    ends = declared.realistic or (value, value + (abs(value) or 1.0))
+    farthest = max(abs(end - value) for end in ends)
+    scale = max((ends[1] - ends[0]) / 2.0, farthest / BOUND_STDS) if std is None else std
     bottom, top = max(-BOUND_STDS, (low - value) / scale), min(BOUND_STDS, (high - value) / scale)
     return FreeParameter(
         name, value, scale, bottom, top, False, declared.unit, MAX_PRIOR_STDS if std is None else GIVEN_STDS

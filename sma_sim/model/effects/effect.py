@@ -224,6 +224,8 @@ class Effect:
         names = [getattr(one, 'name', '') for one in self.parameters]
         if doubled := next((name for name in names if names.count(name) > 1), ''):
             return f'parameter {doubled} is there twice; give each a name of its own'
+        if pointed := next((name for name in names if '.' in str(name)), ''):
+            return f'parameter {pointed!r}: expected a name of letters, digits and _, without a group'
         if self.port not in PORT_NAMES:
             return f'port {self.port!r}; expected one of {", ".join(PORT_NAMES)}'
         if self.tried not in TRIED:

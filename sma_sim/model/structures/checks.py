@@ -5,6 +5,7 @@ Values near rest and gradients are checked where the functions are compiled (`co
 
 from __future__ import annotations
 
+import keyword
 import math
 from collections.abc import Iterator
 
@@ -32,6 +33,8 @@ def coordinate_faults(structure: Structure) -> Iterator[str]:
             yield f'expected a Coordinate among its coordinates, got {coordinate!r}'
         elif not coordinate.name.isidentifier():
             yield f'coordinate {coordinate.name!r}: expected a name of letters, digits and _'
+        elif keyword.iskeyword(coordinate.name):
+            yield f'coordinate {coordinate.name!r}: a word of Python, which no function could read; expected another one'
         elif names.count(coordinate.name) > 1:
             yield f'coordinate {coordinate.name} is there twice; give each a name of its own'
         elif not coordinate.unit:
