@@ -22,6 +22,7 @@ from sma_sim.cli.common.recording_options import (
 )
 from sma_sim.evidence.data.train_test_split import hold_out_last
 from sma_sim.evidence.latent_input.latent_search import LatentRequest, estimate_latent_inputs
+from sma_sim.model.errors import UserError
 from sma_sim.model.shown import text_table
 from sma_sim.report.html.latent_page import write_latent_page
 from sma_sim.words.latent_input import RANKING_HEADER, latent_data, ranking_rows, verdict_sentences
@@ -32,7 +33,7 @@ def add_parser(verbs: Any) -> None:
     parser = add_command(verbs, 'latent')
     add_data_options(parser)
     add_beginning_option(parser)
-    parser.add_argument('-o', dest='report', metavar='FILE.html', help='the same as --report', type=report_path)
+    parser.add_argument('-o', dest='page', metavar='FILE.html', help='the same as --report', type=report_path)
     parser.add_argument(
         '--no-fit', action='store_true', help='take --config as calibrated: only the initial states and the delay are fitted'
     )
@@ -43,6 +44,9 @@ def add_parser(verbs: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Estimate, and write what was asked for."""
+    if arguments.page and arguments.report:
+        raise UserError(f'-o {arguments.page} and --report {arguments.report} are the same page: expected one of them')
+    arguments.report = arguments.report or arguments.page
     config, training, held_out = model_and_recordings(arguments)
     announce_first_compilation()
     with chosen_executor(arguments) as executor:

@@ -26,6 +26,7 @@ from sma_sim.evidence.data.tables import write_columns
 from sma_sim.evidence.experiment_design.curves import hypothesis_curves
 from sma_sim.evidence.experiment_design.design import next_experiment
 from sma_sim.evidence.experiment_design.plan import DesignRequest, Plan
+from sma_sim.evidence.experiment_design.sequence_search import BATCH, DEFAULT_SEQUENCES
 from sma_sim.evidence.experiment_design.sequences import as_rows
 from sma_sim.model.errors import UserError
 from sma_sim.model.given import effect_folders_of
@@ -77,7 +78,7 @@ def add_parser(verbs: Any) -> None:
         type=int,
         default=DesignRequest.budget,
         metavar='N',
-        help='sequences that the search may evaluate (default 120)',
+        help=f'sequences that the search may evaluate, {BATCH} at once beside the first {DEFAULT_SEQUENCES} (default 120)',
     )
     add_search_options(parser, 'seed of the search')
     parser.add_argument('-o', '--out', type=Path, metavar='FILE.csv', help='command sequence to write, for `sma-sim play`')

@@ -68,7 +68,7 @@ def load(path: str | Path, effects: Iterable[Effect] = (), structures: Iterable[
 
     Returns
     -------
-    Trajectory, Recording, Dataset, Calibration, Comparison, Diagnosis, LatentInputs, Plan or Challenge
+    Trajectory, Recording, Dataset, Calibration, Comparison, Diagnosis, LatentInputs or Plan
         What was saved.
 
     Raises
@@ -99,9 +99,13 @@ def load(path: str | Path, effects: Iterable[Effect] = (), structures: Iterable[
             raise
         raise UserError(f'{source} is no result of sma_sim: expected a file that `save` wrote') from error
     own = {one.name: declared_effect(one) for one in effects}
-    return Reader(source, arrays, content['objects'], own, {one.name: declared_structure(one) for one in structures}).value(
-        content['result']
-    )
+    of_user = {one.name: declared_structure(one) for one in structures}
+    try:
+        return Reader(source, arrays, content['objects'], own, of_user).value(content['result'])
+    except (ArithmeticError, AttributeError, LookupError, StopIteration, TypeError, ValueError) as error:
+        if isinstance(error, UserError):
+            raise
+        raise UserError(f'{source} is no result of sma_sim: expected a file as `save` wrote it, not edited') from error
 
 
 def pickled(value: Any) -> tuple[Any, ...]:
@@ -263,9 +267,10 @@ class Reader:
         given = {renamed.get(name, name): one for name, one in plain['fields'].items()}
         if given.keys() - names:
             raise UserError(f'{self._path}: its {kind.__name__} has fields that this version of sma_sim does not have')
-        made = object.__new__(kind)
-        for name, one in given.items():
-            object.__setattr__(made, name, self.value(one))
+        values, later = {name: self.value(one) for name, one in given.items()}, [f.name for f in fields(kind) if not f.init]
+        made = kind(**{name: one for name, one in values.items() if name not in later})  # with its checks
+        for name in values.keys() & {*later}:
+            object.__setattr__(made, name, values[name])
         return made
 
     def _effect(self, name: str, shown: dict[str, Any]) -> Effect:

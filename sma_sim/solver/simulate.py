@@ -396,6 +396,8 @@ def trajectory(
         notes = (*notes, doubt)
     if source is not None and not is_fit:
         inputs = {name: values for name, values in inputs_at(source, time).items() if name != 'time_s'}
+    for shown in (time, *inputs.values(), *columns.values(), *resistances.values()):
+        shown.flags.writeable = False
     return Trajectory(
         time=time,
         inputs=inputs,

@@ -178,3 +178,23 @@ def test_words_that_the_parser_refuses(words, capsys):
     with pytest.raises(SystemExit) as stop:
         main(['fit', *words])
     assert stop.value.code == 2
+
+
+def test_no_output_takes_the_place_of_what_is_read(tmp_path, capsys):
+    """Recordings of a folder, the noise that is stated beside them, the model; and nothing is called what it is not."""
+    (tmp_path / 'case').mkdir()
+    case = write_module_runs(tmp_path / 'case', truth())
+    meta, model, run = case / 'meta.json', tmp_path / 'model.yaml', next(case.glob('*.csv'))
+    meta.write_text('{"noise_std": {"alpha": 0.0003}}')
+    model.write_text('/**:\n  ros__parameters:\n    beam: {E: 2.0e+9}\n')
+    given, before = [str(case), '--config', str(model)], [path.read_text() for path in (meta, model, run)]
+    for words, said in (
+        (['fit', *given, '--json', str(meta)], f'it is read as {meta}, and would be lost'),
+        (['fit', *given, '-o', str(model)], f'it is read as {model}, and would be lost'),
+        (['next', *given, '-o', str(run)], f'it is read as {run}, and would be lost'),
+        (['next', *given, '-o', str(tmp_path / 'next.xlsx')], 'no Excel workbook is written; expected a table as text'),
+        (['latent', *given, '-o', 'a.html', '--report', 'b.html'], '-o a.html and --report b.html are the same page'),
+    ):
+        assert main(words) == 2
+        assert said in capsys.readouterr().err
+    assert [path.read_text() for path in (meta, model, run)] == before

@@ -145,6 +145,12 @@ def test_a_run_that_no_structure_bears_is_said():
         assert any(re.search(words, note) for note in run.notes)
 
 
+def test_what_a_run_shows_cannot_be_changed(run):
+    for column in (run.time, run['alpha_rad'], run['J_eq_W'], run['R_1_ohm']):
+        with pytest.raises(ValueError, match='read-only'):
+            column[0] = 99.0
+
+
 def test_equal_runs_are_equal(run):
     again = simulate(Model(), COMMAND, 10.0)
     assert run == again and run != simulate(Config({'beam.E': 2.1e9}), COMMAND, 10.0) and run != 'a run'
@@ -292,6 +298,35 @@ def test_a_file_runs_no_code_and_says_what_it_lacks(tmp_path):
         np.savez(tmp_path / 'odd.npz', content=np.frombuffer(changed.encode(), np.uint8), **arrays)
         with pytest.raises(UserError, match='which this version of sma_sim does not have'):
             sma_sim.load(tmp_path / 'odd.npz', effects=[fin])
+
+
+@pytest.mark.parametrize(
+    ('edit', 'words'),
+    [
+        (lambda content, arrays: content.pop('objects'), 'is no result of sma_sim'),
+        (lambda content, arrays: content.update(result={'object': 9999}), 'is no result of sma_sim'),
+        (lambda content, arrays: arrays.pop('array_0'), 'is no result of sma_sim'),
+        (lambda content, arrays: recorded_in(content).pop('channels'), 'is no result of sma_sim'),
+        (
+            lambda content, arrays: recorded_in(content).update(system='pusherr'),
+            "system 'pusherr'.*structure of your own, once",
+        ),
+        (lambda content, arrays: recorded_in(content)['channels']['map'][0].__setitem__(0, 'beta'), "no channel 'beta'"),
+    ],
+)
+def test_an_edited_file_is_refused(edit, words, tmp_path):
+    saved = one().recordings[0].save(tmp_path / 'run.npz')
+    arrays = dict(np.load(saved))
+    content = json.loads(arrays['content'].tobytes())
+    edit(content, arrays)
+    np.savez(tmp_path / 'odd.npz', **arrays | {'content': np.frombuffer(json.dumps(content).encode(), np.uint8)})
+    with pytest.raises(UserError, match=words):
+        sma_sim.load(tmp_path / 'odd.npz')
+
+
+def recorded_in(content):
+    """The fields of the recording in a saved file."""
+    return next(one['fields'] for one in content['objects'] if one.get('class', '').endswith(':Recording'))
 
 
 @pytest.mark.parametrize('content', [b'', b'PK\x03\x04', b'{}', np.random.default_rng(0).bytes(500)])

@@ -6,7 +6,7 @@ import argparse
 import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from sma_sim.cli.common.commands import add_kinetics, print_notes
 from sma_sim.cli.common.config_options import add_namespace_option, config_from
 from sma_sim.evidence.data.column_map import entries_of_map
 from sma_sim.evidence.data.recording import Dataset
+from sma_sim.evidence.data.sources import META_FILE, recordings_in
 from sma_sim.evidence.data.tables import check_writable
 from sma_sim.evidence.estimation.curve_features import CurveFeatures, curve_features
 from sma_sim.evidence.estimation.dask_cluster import dask_executor
@@ -145,7 +146,19 @@ def check_outputs(arguments: argparse.Namespace, *more: Path | None) -> None:
             raise UserError(f'{path}: expected a name that ends in {suffixes[0]}')
     for path in (arguments.report, arguments.json, *more):
         if path is not None:
-            check_writable(path, [*arguments.data, *map(Path, arguments.hold_out)])
+            check_writable(path, files_read(arguments))
+
+
+def files_read(arguments: argparse.Namespace) -> Iterator[Path]:
+    """What no output may take the place of: recordings, the noise that is stated beside them, the map, the model."""
+    for path in (*arguments.data, *map(Path, arguments.hold_out)):
+        yield path
+        if path.exists():
+            yield (path if path.is_dir() else path.parent) / META_FILE
+            with suppress(UserError):  # one that cannot be read is told when it is
+                yield from recordings_in(path)
+    models = getattr(arguments, 'configs', None) or [getattr(arguments, 'config', None)]
+    yield from filter(None, (arguments.map, *models))
 
 
 def read_data(arguments: argparse.Namespace, config: Config) -> tuple[Dataset, Dataset | None]:

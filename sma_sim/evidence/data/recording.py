@@ -108,7 +108,8 @@ class Recording(Shown, Saved, Comparable):
     Attributes
     ----------
     name, system : str
-        Name of the file or session; ``'module'`` or ``'wire'``.
+        Name of the file or session; that of a structure, such as ``'module'`` or ``'wire'``, of your own once a
+        ``Config(system=...)`` was made of it.
     time : array (k,)
         Sample times [s], increasing.
     channels : mapping
@@ -177,7 +178,8 @@ class Recording(Shown, Saved, Comparable):
         if self.system not in known_structures():
             hint = suggestion(self.system, known_structures())
             raise UserError(
-                f'recording {self.name}: system {self.system!r}{hint}; expected one of {", ".join(NEEDED_COLUMNS)}'
+                f'recording {self.name}: system {self.system!r}{hint}; expected one of {", ".join(NEEDED_COLUMNS)}, or the '
+                'name of a structure of your own, once Config(system=...) or load(..., structures=[...]) has been given it'
             )
         time = as_own_array(f'recording {self.name}, time', self.time)
         if fault := fault_of_times(time):

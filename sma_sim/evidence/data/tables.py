@@ -15,6 +15,7 @@ from sma_sim.evidence.data.cells import CellLayout, read_cells
 from sma_sim.evidence.data.foreign_columns import hint_for
 from sma_sim.evidence.data.stated_units import UNITS, conversion, stated_unit, unit_of
 from sma_sim.evidence.data.table_format import table_format
+from sma_sim.evidence.data.workbook import SUFFIX as WORKBOOK
 from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
 from sma_sim.model.files import whole_file
@@ -97,6 +98,8 @@ def check_writable(path: Path, read: Iterable[Path] = ()) -> None:
             raise UserError(f'cannot write {path}: it is read as {file}, and would be lost; give another name')
     if path.is_dir():
         raise UserError(f'cannot write {path}: it is a folder')
+    if path.suffix.lower() == WORKBOOK:
+        raise UserError(f'cannot write {path}: no Excel workbook is written; expected a table as text, such as FILE.csv')
     is_replaced = path.is_file() or not path.exists()  # a device or a pipe is written to
     if not os.access(path.parent if is_replaced else path, os.W_OK):
         reason = 'no permission' if path.parent.exists() else f'there is no folder {path.parent}'

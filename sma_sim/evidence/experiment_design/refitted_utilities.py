@@ -245,7 +245,7 @@ def search_with_refits(
         count += len(levels)  # those that exceed a limit too: the search ends
         new = refit_to_sequences(refits, problem, batch, FAST_REFIT)
         known = with_best_confirmed(refits, problem, [*known, *new], confirmed)
-        on_progress(f'{count} of {most} evaluated with rivals refitted')
+        on_progress(f'{count} of {max(count, most)} evaluated with rivals refitted')
         parents = [refitted.sequence.levels for refitted in known[:REFITTED_PARENTS]]
         more = bool(parents) and count < most
         levels = [mutated(parents, problem.grid, random) for _ in range(REFITTED_BATCH)] if more else []
