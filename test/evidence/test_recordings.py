@@ -179,6 +179,19 @@ def test_clean_files_have_no_outliers():
             assert not any('outlier' in note for note in recording.notes), file
 
 
+@pytest.mark.parametrize(('switched', 'seen'), [(29.865, True), (20.0, False)])
+def test_a_step_of_the_last_sample_is_kept_where_the_command_has_just_changed(tmp_path, switched, seen):
+    """Nothing follows that would tell it from a spike, but the command does."""
+    columns = {name: column[:300] for name, column in module_columns().items()}
+    time = columns['time_s'] = 0.1 * np.arange(300.0)
+    columns['J_eq_W'] = 5.0 * (time >= switched)
+    columns['F_1_N'] = 8.7 + 0.05 * np.random.default_rng(0).normal(size=300)
+    columns['F_1_N'][-1] += 1.8
+    (recording,) = read_recording(write_recording(tmp_path / 'run.csv', columns), 'module', 298.0)
+    assert np.isfinite(recording.channels['F_1'][-1]) == seen
+    assert any('F_1_N: 1 outliers' in note for note in recording.notes) != seen
+
+
 def test_spikes_of_measured_inputs(tmp_path):
     """Strain and ambient temperature are measured too; a command may well be a single pulse."""
     time = np.arange(300.0)

@@ -38,6 +38,7 @@ from sma_sim.model.structures.discovery import known_structures
 from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.inputs import Input
 
+NO_TIMES = np.zeros(0)
 LARGEST_VALUE = 1e25  # no quantity reaches it in any unit: what is larger is infinite (instruments by SCPI: 9.9e37)
 LATEST_START = 1e6  # [s] a first time beyond it is a date (seconds since 1970), not a time in the run
 MIN_ROWS_WITH_SPIKES, SPIKE_RATIO, MAX_SPIKES = 100, 3.0, 0.02  # rows; beyond what lasts; part of the rows
@@ -268,9 +269,17 @@ def discard_spikes(name: str, columns: Mapping[str, Vector], notes: list[str]) -
         values[spikes] = np.nan
 
 
-def discard_outliers(name: str, time: Vector, values: Vector, how: str, notes: list[str]) -> None:
-    """NaN for outliers in the values (k,), changed in place."""
+def discard_outliers(
+    name: str, time: Vector, values: Vector, how: str, notes: list[str], changes: Vector = NO_TIMES
+) -> None:
+    """NaN for outliers in the values (k,), changed in place.
+
+    At the end too few samples follow to tell steps from spikes: after one of the `changes` of the command [s] it is a step.
+    """
     wrong = outliers(time, values)
+    late = changes[changes > time[-1 - NEIGHBOURS_PER_SIDE]] if len(time) > NEIGHBOURS_PER_SIDE else NO_TIMES
+    if len(late):
+        wrong[time >= late[0]] = False
     if wrong.any():
         notes.append(f'{name}: {int(wrong.sum())} outliers, the first at {time[np.argmax(wrong)]:.6g} s: {how}')
         values[wrong] = np.nan
@@ -376,13 +385,15 @@ def measured_channels(
     found = [name for name in names if name in columns]
     sampled = sampled_rows(file.structure, columns)
     time = columns['time_s'][sampled] if not sampled.all() else columns['time_s']
+    switched = (columns['time_s'][1:][np.diff(columns[name]) != 0.0] for name in file.heating)
+    changes = np.sort(np.concatenate([NO_TIMES, *switched]))
     channels, stds = dict[str, Vector](), dict[str, Vector]()
     for name, channel in names.items():
         values = columns.pop(name, np.empty(0))
         if not np.isfinite(values).any():
             continue
         channels[channel] = values = values[sampled] if not sampled.all() else values
-        discard_outliers(name, time, values, 'taken as missing', notes)
+        discard_outliers(name, time, values, 'taken as missing', notes, changes)
         discard_saturated(name, time, values, notes)
         like = [one for one in found if unit_of(one) == unit_of(name) and not {one, name} & file.converted]
         check_unit(file.path, name, values, file.column_of(name), {one: file.column_of(one) for one in like})
