@@ -86,7 +86,7 @@ def test_what_was_stopped_before_anything_was_compared_has_no_probabilities():
     found = diagnose(data, given, request=request, on_progress=stop_at_once)
     assert {stage.config.parameters['solver.rtol'] for stage in found.stages} == {2e-6}  # what was asked for
     content, said = as_data(found), '\n'.join(as_text(found))
-    assert (content['verdict'], content['probabilities'], content['models']) == ('stopped', {}, [])
+    assert (content['verdict'], content['probabilities'], content['models']) == ('unknown_effect', {}, [])
     assert found.interrupted and said.startswith('Stopped before the search was complete. No effect has been tried.')
     assert 'robab' not in said + found.summary()
 
@@ -106,7 +106,7 @@ def test_stopped_before_anything_was_found(case, tmp_path, words, model):
     verdict, page = one.check_whole()
     assert code == 130 and 'Stopped before the search was complete.' in said and 'Most probable' not in said
     assert verdict['interrupted'] and verdict['effects'] == [] and len(verdict['error']) == 1
-    assert (verdict['verdict'], verdict['probabilities'], verdict['models']) == ('stopped', {}, [])
+    assert (verdict['verdict'], verdict['probabilities'], verdict['models']) == ('unknown_effect', {}, [])
     assert 'Stopped before the search was complete' in page and not any('Traceback' in line for line in one.said)
 
 

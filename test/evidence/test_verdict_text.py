@@ -204,7 +204,7 @@ TRIED = SimpleNamespace(accepted=None, candidate_fits=(candidate('gravity'),))
     ],
 )
 def test_a_search_that_was_stopped_says_what_it_found(candidates, steps, expected):
-    assert headline(diagnosis('stopped', *candidates, stopped=True, **steps)) == expected
+    assert headline(diagnosis('unknown_effect', *candidates, stopped=True, **steps)) == expected
 
 
 def test_effects_that_held_out_runs_contradict_are_named():
@@ -260,7 +260,7 @@ def test_people_are_not_shown_codes():
         diagnosis('none', errors=(1.0,)),
         diagnosis('missing_effect', candidate('gravity')),
         diagnosis('unknown_effect', candidate('gravity')),
-        diagnosis('stopped', stopped=True),
+        diagnosis('unknown_effect', stopped=True),
     ]
     for one in found:
         text = '\n'.join(as_text(one))

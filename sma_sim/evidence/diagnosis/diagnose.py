@@ -61,8 +61,8 @@ class Diagnosis(Shown, Saved, Comparable):
     Attributes
     ----------
     verdict : str
-        ``'none'``, ``'missing_effect'`` or ``'unknown_effect'``; ``'stopped'`` where the search was, before it found
-        anything.
+        ``'none'``, ``'missing_effect'`` or ``'unknown_effect'``, as which a search that was stopped before it found
+        anything counts too (`interrupted`).
     effects : tuple of str
         Names of the accepted effects, in order.
     stages : tuple of ModelStage
@@ -363,7 +363,7 @@ def search_effects(
     proposed = proposal if proposal is not None and end.stages[-1].kind == 'formula' else None
     similar = None if proposal is None or context.stop.is_set() else most_similar(proposal.fit, steps[0], context.pool)
     return Diagnosis(
-        verdict='unknown_effect' if uncertain else end.verdict if ended or len(path) > 1 else 'stopped',
+        verdict='unknown_effect' if uncertain or not (ended or len(path) > 1) else end.verdict,
         effects=tuple(name for name in end.last.effects if proposed is None or name != proposed.effect),
         stages=end.stages,
         selection_steps=steps,
