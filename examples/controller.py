@@ -46,6 +46,7 @@ class AlphaController(Node):
         self.joint = self.declare_parameter('joint', JOINT, words).value
         self.law, self.period = PI(kp, ki, limit), 1.0 / rate
         self.last_stamp, self.last_arrival, self.stamp = None, None, None
+        self.newest = None  # time [s] of the stamp of the last sample
         self.command = self.create_publisher(Float64, 'J_eq', 10)
         self.create_subscription(JointState, 'joint_states', self.on_joint_state, 10)
         self.create_subscription(Float64, 'alpha_target', lambda message: self.on_target(message.data), 10)
@@ -109,7 +110,10 @@ class AlphaController(Node):
             return
         self.stamp = message.header.stamp
         now = self.stamp.sec + 1e-9 * self.stamp.nanosec
-        self.last_arrival = time.monotonic()
+        if now == self.newest:  # it says nothing of how the robot is now
+            self.warn('joint_states whose stamp repeats: they are no new samples; is header.stamp filled in?')
+            return
+        self.newest, self.last_arrival = now, time.monotonic()
         if self.last_stamp is None or not 0.0 <= now - self.last_stamp < self.timeout + self.period:
             self.interrupted()
             self.last_stamp = now
@@ -121,7 +125,7 @@ class AlphaController(Node):
     def on_watch(self):
         """Heating off once joint states have stopped."""
         if self.last_arrival is not None and time.monotonic() - self.last_arrival > self.timeout:
-            self.warn(f'no joint_states for {self.timeout:g} s: heating off until they come back')
+            self.warn(f'no new {self.joint} in joint_states for {self.timeout:g} s: heating off until they come back')
             self.interrupted()
             self.last_stamp, self.last_arrival = None, None
             self.heating_off()

@@ -95,7 +95,8 @@ CONTROL_PARAMETERS = (
         source=CONTROL_PAGE,
     ),
     Parameter('target', 0.0, 'rad or m', (-1e3, 1e3), 'held from the start on, with control.hold', source=CONTROL_PAGE),
-    Parameter('silence', 0.5, 's', (0.01, 1e3), 'without joint_states for so long, heating is off', source=CONTROL_PAGE),
+    # At most what a controller's model makes up for (MAX_PAUSE of evidence.control.feedforward).
+    Parameter('silence', 0.5, 's', (0.01, 60.0), 'without joint_states for so long, heating is off', source=CONTROL_PAGE),
     Parameter('kp', 1000.0, 'W/rad or W/m', (0.0, 1e9), 'proportional gain beside the feedforward', source=CONTROL_PAGE),
     Parameter('ki', 800.0, 'W/(rad s) or W/(m s)', (0.0, 1e9), 'integral gain beside it', source=CONTROL_PAGE),
 )

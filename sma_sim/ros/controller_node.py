@@ -35,6 +35,7 @@ from sma_sim.ros.last_command import WARNING, LastMessage, publish_last
 from sma_sim.ros.messages import Messages
 from sma_sim.ros.parameters import follow_live_parameters
 from sma_sim.ros.qos import LAST_FEW, make_publisher, make_subscription
+from sma_sim.ros.robot_clock import FILLED_IN, stamp_fault
 from sma_sim.ros.robot_subscriptions import MAX_DELAY, RobotSubscriptions, Sample, robot_topics
 from sma_sim.solver.simulate import SimulationError
 
@@ -57,7 +58,8 @@ class ModelController:
         tried.step(0.0, {tried.coordinate: 0.0}, np.zeros_like)
         self._structure, self._messages, self._coordinate = structure, Messages(structure), tried.coordinate
         self._period, self._silence = 1.0 / given['control.rate'], given['control.silence']
-        followed = structure.coordinates[structure.coordinate_names.index(tried.coordinate)]
+        self._column = structure.coordinate_names.index(tried.coordinate)
+        followed = structure.coordinates[self._column]
         self._limit = min(followed.limit, REACH.get(followed.unit, math.inf))
         self._joint = str(config.settings[f'check.name_{tried.coordinate}'])
         topic = interface_of(structure).heating_topic
@@ -78,7 +80,9 @@ class ModelController:
         self._input = [0.0] * len(structure.commands)
         self._commands, self._starts, self._longest = 0, 0, 0.0
         self._error, self._arrived = math.nan, math.inf
-        self._before: Sample | None = None
+        self._lacking = ''  # what joint_states have lacked since the last sample that could be answered
+        self._newest: Sample | None = None  # ever
+        self._before: Sample | None = None  # of this start
         self._start(0)
         follow_live_parameters(node, {ENVIRONMENT: self._robot.apply_T_E}, use_sim_time)
 
@@ -111,10 +115,20 @@ class ModelController:
     def _take(self, now: Sample) -> None:
         """Answer a sample with a command, `control.rate` times per second."""
         before, began = self._before, time.monotonic()
-        later = math.inf if before is None else 1e-9 * (now.time - before.time)
-        if -self._silence < later <= 0.0:
-            return  # it came late, and another one has been answered
-        if not 0.0 < later < self._silence:
+        later = math.inf if self._newest is None else 1e-9 * (now.time - self._newest.time)
+        fault = stamp_fault(later) if later > -self._silence else ''
+        if fault:
+            self._lack(fault, f'they are no new samples; {FILLED_IN}')
+            return
+        self._newest = now
+        known = math.isfinite(now.joints[0][self._column])
+        if known:
+            self._arrived, self._lacking = began, ''
+        else:
+            self._lack(f'joint_states without {self._coordinate}', f'expected a finite position of {self._joint}')
+            if self._before is None:
+                return  # nothing is commanded, and no start is to be known by it
+        if before is None or not 0.0 < later < self._silence:
             if before is not None:
                 self._logger.warning('the stamps of joint_states have a gap: the controller restarts')
             self._robot.forget_commands()
@@ -122,20 +136,27 @@ class ModelController:
             before, self._starts = None, self._starts + 1
         for change in self._robot.changes(before, now):
             self._tell(self._seconds(change.stamp), change.column, change.value)
-        self._before, self._arrived = now, began
-        self._take_targets(1e-9 * now.time, 1e-9 * now.jumped)
+        self._before = now
+        if known:
+            self._take_targets(1e-9 * now.time, 1e-9 * now.jumped)
         channels = np.concatenate([now.joints[0], self._robot.companions(before, now)])
         try:
-            self._act(self._seconds(now.time), dict(zip(self._structure.channels, channels.tolist(), strict=True)))
+            self._act(self._seconds(now.time), dict(zip(self._structure.channels, channels.tolist(), strict=True)), known)
         except SimulationError as error:
             self._logger.warning(f'{error}: heating off, and the controller restarts', throttle_duration_sec=1.0)
             self._turn_off()
         self._longest = max(self._longest, time.monotonic() - began)
 
-    def _act(self, t: float, channels: dict[str, float]) -> None:
-        """Command what the law says, where a target is known and a period has passed."""
+    def _lack(self, words: str, advice: str) -> None:
+        """Joint states have come that cannot be answered: heating off once there have been no others for long."""
+        self._robot.warn_of(words, advice)
+        self._lacking = self._lacking or words
+        self._turn_off_in_silence()
+
+    def _act(self, t: float, channels: dict[str, float], known: bool) -> None:
+        """Command what the law says, where target and coordinate are known and a period has passed."""
         target, first = self._target, 1e-9 * self._first
-        if target is None or t < self._due - EARLY:
+        if target is None or not known or t < self._due - EARLY:
             self._law.observe(t, None, channels)
             return
         self._due = max(self._due + self._period, t)
@@ -169,23 +190,27 @@ class ModelController:
     def _measured(self) -> float:
         """Where the coordinate was at the last sample."""
         assert self._before is not None
-        return float(self._before.joints[0][self._structure.coordinate_names.index(self._coordinate)])
+        return float(self._before.joints[0][self._column])
 
     def _seconds(self, time: int) -> float:
         return 1e-9 * (time - self._first)
 
     def _watch(self) -> None:
-        """Heating off once joint states have stopped."""
-        if self._before is not None and time.monotonic() - self._arrived > self._silence and not self._robot.waiting:
-            self._logger.warning(
-                f'no joint_states for {self._silence:g} s (control.silence): heating off until they come back'
-            )
+        """Heating off once joint states have stopped; those that wait may be the ones that are missed."""
+        if not self._robot.waiting:
+            self._turn_off_in_silence()
+
+    def _turn_off_in_silence(self) -> None:
+        """Heating off where no sample could be answered for long."""
+        if self._before is not None and time.monotonic() - self._arrived > self._silence:
+            missed = f'new joint_states ({self._lacking})' if self._lacking else 'joint_states'
+            self._logger.warning(f'no {missed} for {self._silence:g} s (control.silence): heating off until they come back')
             self._turn_off()
 
     def _turn_off(self) -> None:
         """Command zero; the next sample is the first of a new start."""
         self._publish(0.0)
-        self._before = None
+        self._before, self._error = None, math.nan
 
     def _publish(self, J: float) -> None:
         self._command.publish(self._message(J))
@@ -196,6 +221,8 @@ class ModelController:
 
     def _diagnose(self) -> None:
         problems = [*self._graph_check.problems(), *self._robot.silence(self._silence), *self._robot.overload()]
+        if self._before is None and self._lacking:
+            problems.append(f'{self._lacking}: heating off')
         state = (
             'waiting for a target' if self._target is None else 'following' if self._before else 'waiting for joint_states'
         )

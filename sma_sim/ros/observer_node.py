@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+import time
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from sma_sim.ros.graph_check import GraphCheck
 from sma_sim.ros.messages import Messages, stamp_of
 from sma_sim.ros.parameters import follow_live_parameters
 from sma_sim.ros.qos import LAST_FEW, make_publisher
+from sma_sim.ros.robot_clock import FILLED_IN, stamp_fault
 from sma_sim.ros.robot_subscriptions import MAX_DELAY, RobotSubscriptions, Sample, robot_topics, wire_names
 
 POLL_PERIOD = 0.002  # [s] between two looks for samples
@@ -64,6 +66,7 @@ class WireObserver:
         self._robot = RobotSubscriptions(node, config, config.parameters['observer.latency'], MAX_DELAY)
         self._input = [0.0] * (len(structure.input_columns) - 1) + [config.parameters[ENVIRONMENT]]
         self._samples = self._starts = 0
+        self._moved_at = math.inf  # when a sample came whose stamp had moved on [s]
         follow_live_parameters(node, {ENVIRONMENT: self._robot.apply_T_E}, use_sim_time)
 
     def _fresh(self) -> None:
@@ -92,17 +95,22 @@ class WireObserver:
         if before is None:
             self._begin, self._starts = now.time, self._starts + 1
             self._tell(now.time, self._robot.T_E, self._input[-1])  # what is in force is no change, but nobody else knows
-        latest = before is None or now.time > before.time
-        if latest:
+        step = math.inf if before is None else 1e-9 * (now.time - before.time)
+        fault = stamp_fault(step)
+        if before is not None and step == 0.0 and np.isfinite(before.joints[0] + now.joints[0]).any():
+            self._robot.warn_of(fault, f'what was measured once counts once; {FILLED_IN}')
+            return
+        if not fault:
+            self._moved_at = time.monotonic()
             for change in self._robot.changes(before, now):
                 self._tell(change.stamp, change.column, change.value)
             self._before = now
         structure = self._config.structure
-        measured = np.concatenate([now.joints[0], self._robot.companions(before if latest else None, now)])
+        measured = np.concatenate([now.joints[0], self._robot.companions(None if fault else before, now)])
         channels = {name: float(value) for name, value in zip(structure.channels, measured, strict=True)}
         estimate = self._observer.update(self._seconds(now.time), None, channels)
         self._samples += 1
-        if latest:
+        if not fault:
             self._publish(now.stamp, estimate)
 
     def _tell(self, time: int, column: int, value: float) -> None:
@@ -129,7 +137,11 @@ class WireObserver:
         self._topics[f'{PREFIX}wire_modes'].publish(self._messages.wire_modes(estimate.modes.tolist()))
 
     def _diagnose(self) -> None:
-        problems = [*self._graph_check.problems(), *self._robot.silence(SILENCE), *self._robot.overload()]
+        silence = self._robot.silence(SILENCE)
+        problems = [*self._graph_check.problems(), *silence, *self._robot.overload()]
+        standstill = time.monotonic() - self._moved_at
+        if standstill > SILENCE and not silence:
+            problems.append(f'the stamps of joint_states have stood still for {standstill:.0f} s: {FILLED_IN}')
         values: dict[str, Any] = {}
         if self._samples and not math.isnan(self._observer.time):
             estimate = self._observer.estimate

@@ -10,7 +10,19 @@ INTERRUPTION = 0.1  # [s] between two samples from which on a robot has stopped,
 AHEAD = 0.05  # [s] by which a stamp may be ahead of what is expected, at a pace of 1
 FIRST_AHEAD = 0.5  # [s] by which it may while the pace is not measured, in the robot's time
 
+FILLED_IN = 'is header.stamp filled in?'  # what to look at where stamps do not move on
+
 Reading = tuple[float, float]  # a stamp [s], and when it arrived by the clock of this computer [s]
+
+
+def stamp_fault(step: float) -> str:
+    """What is wrong with joint_states whose stamp is `step` [s] beyond that of those before; empty where nothing is.
+
+    They are no new sample: a robot whose clock stands still says nothing of how it is now, however often.
+    """
+    if step > 0.0:
+        return ''
+    return f'joint_states whose stamp {"repeats" if step == 0.0 else "is older than the one before"}'
 
 
 class RobotClock:

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 ros_client = pytest.importorskip('ros_client', reason='rclpy is not installed', exc_type=ImportError)
+import rclpy  # noqa: E402
 from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
@@ -207,3 +209,32 @@ def test_tracking_runs_against_the_node(tmp_path):
     numbers = [float(word) for word in done.stdout.split() if word[0].isdigit() and word[-1].isdigit()]
     assert len(numbers) == 2 and numbers[0] < 0.5 and numbers[1] < 3.0  # deg; 0.007 and 0.20 on a quiet machine
     assert (tmp_path / 'tracking.png').stat().st_size > 20_000
+
+
+def test_the_example_takes_a_stamp_that_stands_still_for_no_sample(monkeypatch):
+    """Its heating goes off once, and stays off until a stamp moves on."""
+    now, sent = [1000.0], []
+    monkeypatch.setattr(controller.time, 'monotonic', lambda: now[0])
+    rclpy.init(args=[], domain_id=ros_client.any_domain())
+    try:
+        node = controller.AlphaController()
+        monkeypatch.setattr(node, 'command', SimpleNamespace(publish=lambda message: sent.append(message.data)))
+
+        def hear(*stamps):
+            for stamp in stamps:
+                now[0] += 0.01
+                message = JointState(name=['alpha'], position=[0.1])
+                message.header.stamp.sec, message.header.stamp.nanosec = int(stamp), round(1e9 * (stamp % 1.0))
+                node.on_joint_state(message)
+                node.on_watch()
+
+        hear(*(7.0 + 0.01 * k for k in range(100)))
+        assert sent and max(sent) < 0.0
+        count = len(sent)
+        hear(*[7.99] * 300)
+        assert sent[count:] == [0.0]
+        hear(8.0, 8.03, 8.06)
+        assert len(sent) == count + 3 and max(sent[-2:]) < 0.0
+        node.destroy_node()
+    finally:
+        rclpy.shutdown()
