@@ -37,6 +37,7 @@ from sma_sim.ros.graph_check import GraphCheck
 from sma_sim.ros.messages import Messages, array_layout, stamp_of
 from sma_sim.ros.parameters import follow_live_parameters
 from sma_sim.ros.qos import LAST_FEW, make_publisher
+from sma_sim.ros.robot_clock import FILLED_IN, stamp_fault
 from sma_sim.ros.robot_subscriptions import REMINDER_PERIOD, RobotSubscriptions, Sample, robot_topics
 from sma_sim.solver.fixed_rate import FixedRateRun
 from sma_sim.solver.model import Model
@@ -100,6 +101,7 @@ class ModelCheck:
         self._live: LiveModel | None = None
         self._before: Sample | None = None
         self._starts, self._samples = 0, 0
+        self._compared_at = math.inf  # when a channel was compared last, or could first have been [s]
         self._announcements = Announcements(REMINDER_PERIOD)
         self._reset_requested = threading.Event()
         self._others: queue.SimpleQueue[tuple[Config, Model]] = queue.SimpleQueue()
@@ -155,9 +157,8 @@ class ModelCheck:
         """Bring the model to a sample and compare."""
         before = self._before
         step = (now.stamp - before.stamp) / 1e9 if before is not None else 0.0
-        if before is not None and -self._values['latency'] < step <= 0.0:
-            words = 'repeats' if step == 0.0 else 'is older than the one before'
-            self._robot.warn_of(f'joint_states whose stamp {words}', 'they are not compared; is header.stamp filled in?')
+        if before is not None and step > -self._values['latency'] and (fault := stamp_fault(step)):
+            self._robot.warn_of(fault, f'they are not compared; {FILLED_IN}')
             return
         reason = self._restart_reason(step)
         self._before = now
@@ -244,6 +245,8 @@ class ModelCheck:
         self._live = LiveModel(self._model, self._rate, now.stamp, self._input)
         self._history.start(now.stamp, self._input)
         self._causes.start(now.stamp, self._input)
+        if reason or not self._starts:
+            self._compared_at = time.monotonic()
         self._starts += 1
         self._logger.info(
             'the model starts from rest (initial.*), which the robot may not be in: no verdict for check.burn_in = '
@@ -264,6 +267,8 @@ class ModelCheck:
     def _compare(self, now: Sample, row: Vector, measured: Vector) -> None:
         model = row[self._messages.where.sensed]
         t, residual = self._seconds(now.stamp), measured - model
+        if np.isfinite(residual).any():
+            self._compared_at = time.monotonic()
         self._add_error(t, residual)
         if t >= self._settled_at:
             self._judge(t)
@@ -291,7 +296,8 @@ class ModelCheck:
     def _judge(self, t: float) -> None:
         self._departure.update(t, self._last_error)
         window = self._values['window']
-        self._follows = t >= self._settled_at + window and not (self._last_error > self._values['threshold']).any()
+        near = self._last_error <= self._values['threshold']  # of a channel that is not measured nothing is known
+        self._follows = t >= self._settled_at + window and bool((near | np.isnan(self._last_error)).all() and near.any())
         due = self._announcements.due(time.monotonic(), bool(self._departure.left.any()), self._follows)
         if due == 'left':
             self._logger.warning(self._departed())
@@ -303,7 +309,8 @@ class ModelCheck:
 
     def _departed(self) -> str:
         which = np.flatnonzero(self._departure.left)
-        worst = ', '.join(f'{self._channels[k]} {self._last_error[k]:.3g}' for k in which)
+        errors = [(self._channels[k], self._last_error[k]) for k in which]
+        worst = ', '.join(f'{name} {"not measured any more" if math.isnan(x) else f"{x:.3g}"}' for name, x in errors)
         wires = self._model.wires
         which_ones = {1: 'the bundle was not', 2: 'not both bundles were'}.get(wires, 'not all bundles were')
         caveat = ''
@@ -338,16 +345,26 @@ class ModelCheck:
             layout = array_layout(what.format(', '.join(self._channels)), len(self._channels))
             self._topics[topic].publish(Float64MultiArray(layout=layout, data=values.tolist()))
 
+    def _nothing_compared(self) -> list[str]:
+        """What is wrong where joint_states arrive and none could be compared for longer than SILENCE."""
+        since = time.monotonic() - self._compared_at
+        if since <= SILENCE:
+            return []
+        advice = f'do stamps move on ({FILLED_IN}), and are positions numbers?'
+        return [f'nothing was compared for {since:.0f} s although joint_states arrive: {advice}']
+
     def _diagnose(self) -> None:
         problems = [*self._graph_check.problems()]
         judged = not math.isinf(self._settled_at)
         if self._departure.left.any():
             problems.insert(0, self._departed())
-        problems += self._robot.silence(SILENCE)
+        quiet = self._robot.silence(SILENCE) or self._nothing_compared()
+        problems += quiet
         command, heating = self._robot.command_topic, self._robot.heating
         state = 'waiting for joint_states' if self._live is None else 'comparing' if judged else 'burn-in'
         left = self._departure.left.any()
-        verdict = 'has left the measurement' if left else 'follows the measurement' if self._follows else 'none yet'
+        follows = self._follows and not quiet
+        verdict = 'has left the measurement' if left else 'follows the measurement' if follows else 'none yet'
         errors = zip(self._channels, self._last_error, strict=True)
         values = {
             'state': state,
@@ -362,8 +379,8 @@ class ModelCheck:
             'T_E [K]': f'{self._input[-1]:g}',
             **self._robot.rejected(),
         }
-        follows = ['the model follows the measurement'] if verdict.startswith('follows') else []
-        self._diagnostics.publish('; '.join([state, *follows, *problems]), warn=bool(problems), values=values)
+        good = ['the model follows the measurement'] if verdict.startswith('follows') else []
+        self._diagnostics.publish('; '.join([state, *good, *problems]), warn=bool(problems), values=values)
         if self._observer is not None:
             self._observer.state(state, problems, self._samples)
 

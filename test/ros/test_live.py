@@ -139,8 +139,12 @@ def test_an_error_that_stays_is_a_departure_until_it_is_gone():
     assert not left[3500:].any()
 
 
-def test_a_channel_that_is_no_longer_measured_is_not_away():
-    assert not departures(np.concatenate([np.full(1200, 9.0), np.full(700, np.nan)]))[-1]
+def test_a_channel_that_is_no_longer_measured_stays_as_it_was_until_it_is_again():
+    away, silent, near = np.full(1200, 9.0), np.full(700, np.nan), np.zeros(600)
+    assert departures(np.concatenate([away, silent]))[-1]
+    assert departures(np.concatenate([away, silent, away[:50]]))[1200:].all()
+    assert not departures(np.concatenate([away, silent, near]))[-1]
+    assert not departures(np.concatenate([near, away[:50], silent, away[:50]])).any()
 
 
 STATES = st.lists(st.tuples(st.floats(0.0, 30.0), st.sampled_from(['left', 'follows', 'between'])), max_size=60)

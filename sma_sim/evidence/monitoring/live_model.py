@@ -165,7 +165,8 @@ class Announcements:
 class DepartureDetector:
     """The channels that the model has left: their running error was above `threshold` for more than `window` seconds.
 
-    A single outlier raises the running error for one window at the most, and so never tells that the model has left.
+    A single outlier raises the running error for one window at the most, and so never tells that the model has left. A
+    channel that is not measured any more stays as it was: nothing tells that the model is back.
     """
 
     def __init__(self, threshold: float, window: float, channels: int) -> None:
@@ -175,6 +176,7 @@ class DepartureDetector:
 
     def update(self, t: float, error: Vector) -> None:
         """Take the running error (n,) at time t [s]; a channel is back once it is not above the threshold."""
-        above = error > self._threshold
-        self._since = np.where(above, np.where(np.isnan(self._since), t, self._since), np.nan)
-        self.left = above & (t - self._since > self._window)
+        above, unknown = error > self._threshold, np.isnan(error)
+        since = np.where(above, np.where(np.isnan(self._since), t, self._since), np.nan)
+        self._since = np.where(unknown & self.left, self._since, since)
+        self.left = np.where(unknown, self.left, above & (t - since > self._window))
