@@ -2,27 +2,42 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 import rclpy
+from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.qos import qos_profile_sensor_data
+from rclpy.validate_namespace import validate_namespace
+from rclpy.validate_topic_name import validate_topic_name
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
+from sma_sim.evidence.data.rosbag.interface import RESISTANCES, SINGLE_CHANNELS
 from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
 from sma_sim.model.progress import ProgressLine
-from sma_sim.ros.inbox import clock_inbox
+from sma_sim.ros.inbox import Inbox, clock_inbox
 from sma_sim.ros.last_command import CommandSession
 
 PLAYER_NODE = 'sma_play'
 REPEAT_PERIOD = 0.1  # [s] after which a held command is sent again, so that no timeout turns the heating off
 LISTENER_TIMEOUT = 10.0  # [s] for a subscriber to appear
 STANDSTILL = 2.0  # [s] without a step of /clock after which nobody knows how long a command has been in force
+SILENCE = 3.0  # [s] without a message of a robot that publishes; slower ones are not followed by sma_model_check either
 MAX_WAIT = 0.05  # [s] for a step of /clock between two looks for a signal
+
+# What a robot publishes all along, and nobody else in its namespace.
+MEASURED: Mapping[str, Any] = {
+    'joint_states': JointState,
+    **dict.fromkeys(('wire_forces', RESISTANCES, *SINGLE_CHANNELS.values()), Float64MultiArray),
+}
 
 Commands = Mapping[str, Vector]  # by topic: one number per time (k,), or one for each wire (k, w)
 
@@ -75,6 +90,44 @@ class PlayerClock:
             self._inbox.wait(MAX_WAIT)
 
 
+class Robot:
+    """Watches by what it publishes whether the robot that was there at the start still is.
+
+    Whoever subscribes to a command need not be the robot: recorders and observers do. And one that was killed is taken for
+    a subscriber for as long as its lease lasts, in which it may have been started again.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node, self._inbox = node, Inbox(node)
+        self._last: dict[str, float] = {}  # when a message came [s], by topic
+        self._known: dict[str, set[tuple[int, ...]]] = {}  # the publishers of topics that come all along
+        for topic, kind in MEASURED.items():
+            receive = partial(self._receive, topic)
+            self._inbox.add(node.create_subscription(kind, topic, receive, qos_profile_sensor_data, raw=True))
+
+    def _receive(self, topic: str, _: bytes) -> None:
+        now = time.monotonic()
+        if now - self._last.get(topic, -math.inf) <= SILENCE:
+            self._known.setdefault(topic, set())
+        self._last[topic] = now
+
+    def gone(self, paused: bool) -> str:
+        """Why the robot is not there any more, in words; empty as long as it is. While it is paused it may be silent."""
+        self._inbox.take()
+        now = time.monotonic()
+        for topic, known in self._known.items():
+            name = self._node.resolve_topic_name(topic)
+            there = {tuple(info.endpoint_gid) for info in self._node.get_publishers_info_by_topic(topic)}
+            if known - there:
+                return f'what published {name} has ended'
+            known |= there
+            if paused:
+                self._last[topic] = now
+            if now - self._last[topic] > SILENCE:
+                return f'nothing has come on {name} for {SILENCE:g} s'
+        return ''
+
+
 def play(
     times: Vector,
     heating: str,
@@ -87,34 +140,48 @@ def play(
     """Send commands at `times` (k,) [s], each held until the next; the last time ends it.
 
     They go by /clock where it is followed: before it is published, and while it stands still, the heating is off. The topic
-    `heating` [W] is turned off at the end, also at an early one; set points stay. Raises UserError when nobody subscribes,
-    or nobody does any more: a robot that restarts in the middle of a command is not where the command takes it to be; and
-    where /clock goes back.
+    `heating` [W] is turned off at the end, also at an early one; set points stay. Raises UserError for names that topics
+    cannot have; when nobody subscribes, or nobody does any more, or the robot has stopped publishing: one that restarts in
+    the middle of a command is not where the command takes it to be; and where /clock goes back.
     """
+    check_names(namespace, commands)
     with CommandSession([], rclpy.Context()) as session:
         follow = [Parameter('use_sim_time', value=follows_clock)]
         node = rclpy.create_node(PLAYER_NODE, namespace=namespace, context=session.context, parameter_overrides=follow)
         publishers = {topic: node.create_publisher(kind_of(values), topic, 10) for topic, values in commands.items()}
         off = message_of(0.0 * commands[heating][0])
         session.end_with(publishers[heating], off)
+        robot = Robot(node)
         for publisher in publishers.values():
             wait_for_listener(publisher, session)
 
-        def send(row: int | None) -> None:
+        def send(row: int | None, played: float) -> None:
+            words = robot.gone(paused=row is None)
+            if publishers[heating].get_subscription_count() == 0:
+                words = f'nobody listens to {publishers[heating].topic_name} any more'
+            if words:
+                part = f'{max(played, 0.0):.1f} of {times[-1] - times[0]:g} s'
+                raise UserError(f'{words}: is the robot still running? Stopped after {part}; heating off')
             if row is None:
                 publishers[heating].publish(off)
             else:
                 for topic, values in commands.items():
                     publishers[topic].publish(message_of(values[row]))
-            if publishers[heating].get_subscription_count() == 0:
-                part = f'{times[row or 0] - times[0]:g} of {times[-1] - times[0]:g} s'
-                raise UserError(
-                    f'nobody listens to {publishers[heating].topic_name} any more: stopped after {part}; heating off'
-                )
 
         clock = PlayerClock(node, follows_clock)
         rounds, seconds = send_all(times, speed, clock, send, session, progress)
     return Played(rounds, seconds, session.stopped_by)
+
+
+def check_names(namespace: str, topics: Iterable[str]) -> None:
+    """Raise UserError for names that ROS does not take."""
+    try:
+        validate_namespace(namespace if namespace.startswith('/') else f'/{namespace}')
+        for topic in topics:
+            validate_topic_name(topic)
+    except NameValidationException as error:
+        what, name, *_ = map(str.strip, str(error).splitlines())
+        raise UserError(f'{what} {name} (see --namespace and --topic)') from error
 
 
 def kind_of(values: Vector) -> Any:
@@ -146,13 +213,13 @@ def send_all(
     times: Vector,
     speed: float,
     clock: PlayerClock,
-    send: Callable[[int | None], None],
+    send: Callable[[int | None, float], None],
     session: CommandSession,
     progress: ProgressLine,
 ) -> tuple[int, float]:
     """Send each row at its time, and again while it holds, until the session is to stop; how often, and up to when [s].
 
-    `send` gets None for no heating, while the clock stands still.
+    `send` gets a row, None for no heating while the clock stands still, and how many seconds were played.
     """
     sent, played, said = 0, 0.0, False
     while clock.now() == 0.0 and session.stopped_by is None:
@@ -171,10 +238,10 @@ def send_all(
                 if due > -np.inf:
                     part = f'{played:.2f} of {times[-1] - times[0]:g} s'
                     progress.note(f'/clock stands still at {now:.2f} s, after {part}: heating off until it moves')
-                send(None)
+                send(None, played)
                 due = -np.inf
             elif now >= due:
-                send(row)
+                send(row, played)
                 sent, due = sent + 1, now + REPEAT_PERIOD
                 if not said and clock.is_another:
                     said = True

@@ -224,5 +224,6 @@ def test_play_stops_when_nobody_listens_any_more(tmp_path):
         assert robot.stdout.readline() == 'heard\n'
         robot.send_signal(signal.SIGINT)
         said, _ = program.communicate(timeout=60)
-    assert program.returncode == 2 and 'nobody listens to /J_eq any more: stopped after 0 of 600 s' in said, said
+    gone = '/J_eq any more: is the robot still running? Stopped after '
+    assert program.returncode == 2 and f'nobody listens to {gone}' in said and ' of 600 s; heating off' in said, said
     assert 'Traceback' not in said

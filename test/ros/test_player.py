@@ -1,4 +1,4 @@
-"""`sma-sim play` by /clock: a client publishes it, stops it, and sets it back."""
+"""`sma-sim play`: a client publishes /clock, stops it, and sets it back; it plays a robot that goes away."""
 
 import os
 import signal
@@ -13,6 +13,7 @@ ros_client = pytest.importorskip('ros_client', reason='rclpy is not installed', 
 import rclpy  # noqa: E402
 from builtin_interfaces.msg import Time  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Float64  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -21,8 +22,8 @@ ROOT = Path(__file__).resolve().parents[2]
 class Player:
     """`sma-sim play` as a process, and the client that it commands."""
 
-    def __init__(self, folder, *words):
-        (folder / 'c.csv').write_text('time_s,J_eq_W\n0,3\n1,-4\n2,9\n4,9\n')
+    def __init__(self, folder, *words, command='time_s,J_eq_W\n0,3\n1,-4\n2,9\n4,9\n'):
+        (folder / 'c.csv').write_text(command)
         domain = str(ros_client.any_domain())
         self.said = folder / 'said.txt'
         self.context = rclpy.Context()
@@ -37,13 +38,16 @@ class Player:
         with self.said.open('w') as file:
             self.process = subprocess.Popen(command, env=environment, stdout=file, stderr=file)
 
-    def until(self, condition, t=None):
-        """Serve the client, which publishes the time `t` [s], until what was heard since fulfils a condition."""
+    def until(self, condition, t=None, measured=None):
+        """Serve the client, which publishes the time `t` [s] and what is `measured`, until what was heard since fulfils a
+        condition."""
         count, end = len(self.heard), time.monotonic() + ros_client.REACTION
         while not condition(self.heard[count:]):
             assert time.monotonic() < end, (self.heard, self.said.read_text())
             if t is not None:
                 self.clock.publish(Clock(clock=Time(sec=int(t), nanosec=round(t % 1.0 * 1e9))))
+            if measured is not None:
+                measured.publish(JointState(name=['alpha'], position=[0.0]))
             self.executor.spin_once(timeout_sec=0.02)
         return self.heard[count:]
 
@@ -103,3 +107,26 @@ def test_a_clock_that_is_not_followed_is_said(tmp_path):
         one.until(one.says('--use-sim-time lets them follow /clock'), 10.0)
         one.until(one.says('4 s played'), 10.0)
         assert one.end() == 0
+
+
+@pytest.mark.parametrize('how', ['it ends', 'it falls silent'])
+def test_a_robot_that_is_gone_ends_the_command_whoever_else_listens(tmp_path, how):
+    """This client listens to the command all along, as a recorder does; another one publishes what the robot measures."""
+    with Player(tmp_path, command='time_s,J_eq_W\n0,3\n600,3\n') as one:
+        joints = one.node.create_publisher(JointState, 'joint_states', 10)
+        one.until(lambda since: 3.0 in since and joints.get_subscription_count(), measured=joints)
+        began = time.monotonic()
+        one.until(lambda _: time.monotonic() > began + 1.0, measured=joints)
+        if how == 'it ends':
+            one.node.destroy_publisher(joints)
+        assert one.end() == 2 and one.heard[-1] == 0.0
+    why = 'what published /joint_states has ended' if how == 'it ends' else 'nothing has come on /joint_states for 3 s'
+    assert f'{why}: is the robot still running? Stopped after ' in one.said.read_text()
+    assert 'after 0.0 of' not in one.said.read_text() and ' of 600 s; heating off' in one.said.read_text()
+
+
+@pytest.mark.parametrize('words', [('--namespace', 'le ft'), ('--topic', 'J eq')])
+def test_names_that_ros_does_not_take_are_said(tmp_path, words):
+    with Player(tmp_path, *words) as one:
+        assert one.end() == 2
+    assert '(see --namespace and --topic)' in one.said.read_text() and words[1] in one.said.read_text()
