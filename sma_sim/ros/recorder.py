@@ -47,8 +47,9 @@ class Recorder:
             raise missing(error, f'node.record = {path}: a bag') from error
         try:
             self._bag = BagWriter(path, about, round(max_megabytes * MEGABYTE), round(longest * 1e9))
-            for topic in topics:
-                self._bag.add(topic.name, topic.kind, qos=[topic.qos])
+            with self._bag.discarded_on_failure():
+                for topic in topics:
+                    self._bag.add(topic.name, topic.kind, qos=[topic.qos])
         except OSError as error:
             raise UserError(f'node.record = {path}: cannot write the bag: {error.strerror}') from error
         self.path, self.failed, self._on_failure = path, '', on_failure

@@ -98,7 +98,16 @@ def whole_messages(path: Path, topics: Collection[str] | None) -> Iterator[RawMe
         wanted = [c for c in reader.connections if topics is None or c.topic in topics]
         if not wanted:
             return
-        for connection, log_time, cdr in reader.messages(wanted):
+        messages = reader.messages(wanted)
+        while True:
+            try:
+                connection, log_time, cdr = next(messages)
+            except StopIteration:
+                return
+            except Exception as error:  # rosbags meets a broken file with whatever its parsing stumbles over
+                raise UserError(
+                    f'{path} is damaged ({error}): `sma-sim bag repair {path}` writes what can be read to a new bag'
+                ) from error
             yield RawMessage(connection.topic, connection.msgtype, log_time, bytes(cdr))
 
 
@@ -188,15 +197,16 @@ def repair(path: Path, out: Path) -> int:
     first = next(messages, None)
     if first is None:
         raise UserError(f'{path}: no message can be read, there is nothing to repair')
-    writer = BagWriter(out, bag.about)
     numbers: dict[str, int] = {}
     try:
-        for message in chain((first,), messages):
-            if message.topic not in numbers:
-                profiles = profiles_in(message.qos)
-                numbers[message.topic] = writer.add(message.topic, message.kind, message.definition, profiles)
-            writer.write(numbers[message.topic], message.log_time, message.cdr)
-        writer.close()
+        writer = BagWriter(out, bag.about)
+        with writer.discarded_on_failure():
+            for message in chain((first,), messages):
+                if message.topic not in numbers:
+                    profiles = profiles_in(message.qos)
+                    numbers[message.topic] = writer.add(message.topic, message.kind, message.definition, profiles)
+                writer.write(numbers[message.topic], message.log_time, message.cdr)
+            writer.close()
     except OSError as error:
         raise UserError(f'cannot write {out}: {error.strerror}') from error
     return writer.bag.count

@@ -5,8 +5,9 @@ What was written before the last `flush` is on the disk in whole chunks; `salvag
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -94,7 +95,8 @@ class BagWriter:
             raise UserError(f'cannot make the bag {self.path}: {error.strerror}') from error
         self._topics: list[Topic] = []
         self._files: list[tuple[str, MessageSpan]] = []
-        self._open_next()
+        with self.discarded_on_failure():
+            self._open_next()
 
     def tell(self, about: Mapping[str, str]) -> None:
         """What else goes into every file and the metadata; before the first message."""
@@ -138,8 +140,18 @@ class BagWriter:
 
     def abandon(self) -> None:
         """Let go of a file that cannot be written any more; what reached the disk stays there."""
-        with suppress(OSError):
+        with suppress(OSError, AttributeError):  # it may not have been opened
             self._stream.close()
+
+    @contextmanager
+    def discarded_on_failure(self) -> Iterator[None]:
+        """Leave nothing of the bag behind where the block fails: its folder would be in the way of the next try."""
+        try:
+            yield
+        except BaseException:
+            self.abandon()
+            shutil.rmtree(self.path, ignore_errors=True)
+            raise
 
     def write_metadata(self) -> None:
         """The file that says what is in the bag: whole or not at all."""
