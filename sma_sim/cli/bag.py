@@ -10,6 +10,7 @@ from typing import Any
 from sma_sim.cli.common.commands import add_command
 from sma_sim.cli.common.config_options import add_namespace_option
 from sma_sim.cli.common.recorded_parameters import recorded_parameters
+from sma_sim.evidence.data.rosbag.bag_files import is_bag
 from sma_sim.evidence.data.rosbag.reader import read_bag
 from sma_sim.evidence.data.rosbag.run_writer import interface_of_columns, write_mcap
 from sma_sim.evidence.data.rosbag.salvage import open_bag, repair
@@ -85,10 +86,15 @@ def convert_bag(arguments: argparse.Namespace) -> int:
     check_writable(target)
     if target.suffix == '.csv':
         notes: list[str] = []
-        write_columns(target, read_bag(source, arguments.namespace, notes=notes))
+        write_columns(target, read_bag(source, arguments.namespace, notes=notes, one_run=False))
         for note in notes:
             print(f'note: {source}: {note}', file=sys.stderr)
     elif target.suffix == '.mcap':
+        if is_bag(source):
+            raise UserError(
+                f'{source} is a bag: expected a CSV file to write {target}; `sma-sim bag repair {source}` writes another '
+                'bag, and a name that ends in .csv its columns'
+            )
         write_mcap(target, read_run(source))
     else:
         raise UserError(f'{target}: expected a name that ends in .csv or .mcap')

@@ -10,8 +10,9 @@ from typing import Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
+from sensor_msgs.msg import JointState
 
-from sma_sim.evidence.data.rosbag.interface import APPLIED, INTERFACE, interface_of
+from sma_sim.evidence.data.rosbag.interface import APPLIED, INTERFACE, STAMPED, interface_of
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.structure import Structure
 from sma_sim.ros.graph_check import type_name
@@ -44,7 +45,8 @@ class RobotRecorder:
         with self._lock:
             if self._recorder is not None:
                 raise UserError(f'{self._recorder.path} is being recorded: stop it first')
-            topics = robot_topics(self._structure)
+            command = f'{interface_of(self._structure).heating_topic}{STAMPED}'  # which a robot takes as well
+            topics = {**robot_topics(self._structure), command: JointState}
             about = {INTERFACE: interface_of(self._structure).as_json()}
             recorded = [
                 RecordedTopic(self._node.resolve_topic_name(name), type_name(kind), as_metadata(quality_of(name)[0]))

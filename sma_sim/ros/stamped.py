@@ -17,12 +17,13 @@ from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64, Float64MultiArray, Header
 
 from sma_sim.evidence.data.display_units import ZERO_CELSIUS
-from sma_sim.evidence.data.rosbag.interface import APPLIED, RESISTANCES, SINGLE_CHANNELS, interface_of
+from sma_sim.evidence.data.rosbag.commands import commanded_positions
+from sma_sim.evidence.data.rosbag.interface import APPLIED, RESISTANCES, SINGLE_CHANNELS, STAMPED, interface_of
 from sma_sim.model.structures.structure import Structure
 from sma_sim.ros.command import Command
 from sma_sim.ros.qos import LAST_FEW, make_subscription
 
-SUFFIX = '_stamped'
+SUFFIX = STAMPED
 MAX_DELAYS = 10_000  # kept between two looks
 LAST_DELAY, LARGEST_DELAY = 'delay of the last stamped command [s]', 'largest delay since the last report [s]'
 NO_DELAY = 'none'
@@ -109,8 +110,5 @@ class StampedCommands:
 
 def commanded_efforts(names: Sequence[str], efforts: Sequence[float], wanted: Sequence[str]) -> list[float] | None:
     """The efforts of the wanted names, or those of a message without names; None where some are missing."""
-    if not names and len(efforts) == len(wanted):
-        return [float(effort) for effort in efforts]
-    if set(wanted) <= set(names) and len(efforts) == len(names):
-        return [float(efforts[list(names).index(name)]) for name in wanted]
-    return None
+    positions = commanded_positions(names, len(efforts), wanted)
+    return None if positions is None else [float(efforts[at]) for at in positions]

@@ -14,8 +14,9 @@ from sma_sim.cli.main import main
 from sma_sim.evidence.data.recordings import read_dataset
 from sma_sim.evidence.data.rosbag.commands import UNLIMITED, CommandLimits, ambient_refusal, in_force
 from sma_sim.evidence.data.rosbag.interface import FLOAT64, FLOAT64_ARRAY, JOINT_STATE, TEMPERATURE
+from sma_sim.evidence.data.rosbag.salvage import repair
 from sma_sim.evidence.data.rosbag.reader import read_bag
-from sma_sim.evidence.data.rosbag.writer import typestore
+from sma_sim.evidence.data.rosbag.writer import BagWriter, typestore
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import known_structures
 
@@ -207,3 +208,166 @@ def test_what_a_bag_has_in_place_of_joints_and_commands_is_named(tmp_path):
     heated = bag(tmp_path / 'heater', [(1.0, 1.0)], 3.0, '/heater/power')
     with pytest.raises(UserError, match='on /J or /J_applied, got /heater/power, /joint_states; publish or remap'):
         read_dataset(heated, 'slider')
+
+
+def stamped(names, efforts):
+    """A stamped command whose header is not filled in."""
+    types = typestore().types
+    header = types['std_msgs/msg/Header'](stamp=types['builtin_interfaces/msg/Time'](sec=0, nanosec=0), frame_id='')
+    none = np.zeros(0)
+    message = types[JOINT_STATE](header=header, name=names, position=none, velocity=none, effort=np.array(efforts))
+    return bytes(typestore().serialize_cdr(message, JOINT_STATE))
+
+
+def written(path, rows):
+    """A bag of rows (log time [s], topic, type, message)."""
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections = {}
+        for t, topic, kind, cdr in sorted(rows, key=lambda row: row[0]):
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=typestore())
+            writer.write(connections[topic], round((100.0 + t) * SECOND), cdr)
+    return path
+
+
+def joint_states(count, names):
+    """Rows of joint states at 100 Hz, of which the last joint moves."""
+    still = [0.0] * (len(names) - 1)
+    return [
+        (0.01 * k, '/joint_states', JOINT_STATE, joint_state(SECOND + 10 * k * MILLISECOND, [*still, 1e-4 * k], names))
+        for k in range(count)
+    ]
+
+
+def clock_set_back(path, by, at=6.0):
+    """Joint states at 50 Hz, 12 s long, with alpha 1e-3 times the true time; J_eq is 12 W from 2 s on, -6 W from 8 s on."""
+    rows = [(t, '/J_eq', FLOAT64, number(value)) for t, value in ((0.0, 0.0), (2.0, 12.0), (8.0, -6.0))]
+    for k in range(601):
+        stamp = k * 20 * MILLISECOND - (round(by * SECOND) if 0.02 * k > at else 0)
+        rows.append((0.02 * k, '/joint_states', JOINT_STATE, joint_state(50 * SECOND + stamp, [0.0, 0.0, 2e-5 * k])))
+    return written(path, rows)
+
+
+@pytest.mark.parametrize('by', [3.0, 3.01, 7.01, 40.0])
+def test_a_clock_that_is_set_back_begins_another_session(tmp_path, by):
+    """Samples are never mixed, whether or not the stamps of both sessions make one grid."""
+    path = clock_set_back(tmp_path / 'run', by)
+    first, second = read_dataset([path]).recordings
+    assert [first.name, second.name] == ['run#1', 'run#2'] and len(first.time) + len(second.time) == 601
+    np.testing.assert_allclose(np.diff(first.channels['alpha']), 2e-5, rtol=1e-9)
+    np.testing.assert_allclose(np.diff(second.channels['alpha']), 2e-5, rtol=1e-9)
+    np.testing.assert_allclose(second.channels['alpha'], 1e-3 * (second.time + by), rtol=1e-9)
+    times, powers = second.source.times, np.asarray(second.source.values)[:, 0]
+    assert powers[0] == 12.0 and times[np.argmax(powers < 0.0)] == pytest.approx(8.0 - by, abs=0.021)
+    assert sum('2 sessions' in note for note in first.notes) == 1
+    with pytest.raises(UserError, match=r'stamps go back 1 time, first by .* expected one run|Expected one run'):
+        read_bag(path)
+
+
+def test_a_clock_that_is_set_back_by_little_drops_samples_until_it_has_caught_up(tmp_path):
+    (only,) = read_dataset([clock_set_back(tmp_path / 'run', 0.13)]).recordings
+    assert (np.diff(only.channels['alpha']) > 0.0).all() and len(only.time) == 601 - 6
+    assert any('the clock jumps back by 0.11 s' in note for note in only.notes)
+
+
+def test_a_table_of_two_periods_that_make_one_grid_is_not_sorted(tmp_path):
+    """What `bag convert` writes of such a bag."""
+    path = clock_set_back(tmp_path / 'run', 3.01)
+    assert main(['bag', 'convert', str(path), str(tmp_path / 'run.csv')]) == 0
+    dataset = read_dataset([tmp_path / 'run.csv'])
+    assert [len(one.time) for one in dataset.recordings] == [301, 300]
+
+
+def test_a_bag_with_two_clocks_is_refused(tmp_path):
+    rows = [(0.0, '/J_eq', FLOAT64, number(0.0))]
+    for k in range(400):
+        stamp = SECOND + (k // 2 + 100 * (k % 2)) * 20 * MILLISECOND
+        rows.append((0.01 * k, '/joint_states', JOINT_STATE, joint_state(stamp, [0.0, 0.0, 1e-4 * k])))
+    with pytest.raises(UserError, match='are two mixed in this file'):
+        read_dataset([written(tmp_path / 'two', rows)])
+
+
+def test_commands_with_a_stamp_count_as_those_without(tmp_path):
+    """As they arrive; those that a robot refuses are refused here."""
+    states = joint_states(401, ('U_x', 'U_y', 'alpha'))
+    commands = [(0.0, '/J_eq', FLOAT64, number(0.0)), (2.0, '/J_eq', FLOAT64, number(-3.0))]
+    with_stamp = [(1.0, ['J_eq'], [12.0]), (1.5, ['other'], [1.0]), (3.0, [], [5.0]), (3.5, ['J_eq'], [math.nan])]
+    commands += [(t, '/J_eq_stamped', JOINT_STATE, stamped(names, efforts)) for t, names, efforts in with_stamp]
+    notes = []
+    columns = read_bag(written(tmp_path / 'both', [*states, *commands]), notes=notes)
+    times, values = changes_in(columns)
+    np.testing.assert_allclose(times, [0.0, 1.0, 2.0, 3.0], atol=1e-6)
+    assert list(values) == [0.0, 12.0, -3.0, 5.0] and '2 commands refused' in notes[0]
+    columns = read_bag(written(tmp_path / 'stamped', [*states, *commands[2:]]))
+    assert list(changes_in(columns)[1]) == [0.0, 12.0, 5.0]
+
+
+def test_stamped_commands_of_several_wires_tell_the_structure(tmp_path):
+    command = stamped(['J_1', 'J_2', 'J_3'], [1.0, 2.0, 3.0])
+    names = list(known_structures()['spatial'].coordinate_names)
+    states = joint_states(50, names)
+    columns = read_bag(written(tmp_path / 'spatial', [*states, (0.1, '/J_stamped', JOINT_STATE, command)]))
+    assert [columns[f'J_{i}_W'][-1] for i in (1, 2, 3)] == [1.0, 2.0, 3.0]
+
+
+def test_joints_that_come_one_by_one_with_one_stamp_are_one_sample(tmp_path):
+    rows = [(0.0, '/J_eq', FLOAT64, number(0.0))]
+    for k in range(100):
+        at = SECOND + 10 * k * MILLISECOND
+        rows += [(0.01 * k + 1e-5 * i, '/joint_states', JOINT_STATE, joint_state(at, [value * k], [name]))
+                 for i, (name, value) in enumerate((('U_x', 1e-5), ('alpha', 1e-4)))]  # fmt: skip
+    (recording,) = read_dataset([written(tmp_path / 'split', rows)]).recordings
+    assert list(recording.channels) == ['U_x', 'alpha'] and len(recording.time) == 100
+    np.testing.assert_allclose(recording.channels['alpha'], 1e-4 * np.arange(100), atol=1e-12)
+
+
+def test_a_bag_with_wrong_bytes_names_its_cure(tmp_path, capsys):
+    path = bag(tmp_path / 'damaged', [(0.0, 0.0), (1.0, 5.0)], 30.0)
+    (file,) = path.glob('*.mcap')
+    whole = file.read_bytes()
+    at = whole.index(b'\x05r\0\0\0\0\0\0\0', len(whole) // 4)  # a message of 114 bytes
+    file.write_bytes(whole[: at + 7] + b'\xff\xff' + whole[at + 9 :])
+    for words in (
+        ['bag', 'info', str(path)],
+        ['compare', str(path)],
+        ['bag', 'convert', str(path), str(tmp_path / 'a.csv')],
+    ):
+        assert main(words) == 2
+        said = capsys.readouterr().err
+        assert 'is damaged (' in said and f'`sma-sim bag repair {path}` writes what can be read' in said, said
+
+
+def test_nothing_is_left_of_a_bag_that_could_not_be_written(tmp_path, monkeypatch):
+    """The disk is full when its metadata are written, or when a message is."""
+    path = bag(tmp_path / 'run', [(0.0, 0.0)], 1.0)
+    for method in ('write_metadata', 'write'):
+        with monkeypatch.context() as full:
+
+            def fail(*_):
+                raise OSError(28, 'No space left on device')
+
+            full.setattr(BagWriter, method, fail)
+            with pytest.raises(UserError, match='No space left on device'):
+                repair(path, tmp_path / 'whole')
+        assert not (tmp_path / 'whole').exists()
+    assert repair(path, tmp_path / 'whole') == 102
+
+
+@pytest.mark.parametrize(
+    ('header', 'row', 'words'),
+    [
+        ('time_s,J_eq', '0,1', 'no column J_eq_W (rename J_eq; the unit is part of the name)'),
+        ('time_s,J_eq_mW', '0,1', 'J_eq_mW multiplied by 0.001'),
+        ('time_s,J_eq_W', '0,', "got 'nothing'; write the number that holds there, or delete the row"),
+    ],
+)
+def test_what_cannot_be_converted_names_its_cure(tmp_path, capsys, header, row, words):
+    (tmp_path / 'run.csv').write_text(f'{header}\n{row}\n1,2\n')
+    assert main(['bag', 'convert', str(tmp_path / 'run.csv'), str(tmp_path / 'run.mcap')]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_a_bag_is_not_converted_to_a_bag(tmp_path, capsys):
+    path = bag(tmp_path / 'run', [(0.0, 0.0)], 1.0)
+    assert main(['bag', 'convert', str(path), str(tmp_path / 'again.mcap')]) == 2
+    assert f'{path} is a bag: expected a CSV file' in capsys.readouterr().err

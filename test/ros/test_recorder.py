@@ -22,10 +22,14 @@ from visualization_msgs.msg import MarkerArray  # noqa: E402
 from sma_sim.cli.main import main  # noqa: E402
 from sma_sim.evidence.data.rosbag.reader import read_bag  # noqa: E402
 from sma_sim.evidence.data.rosbag.salvage import open_bag, repair  # noqa: E402
+from sma_sim.evidence.data.rosbag.writer import BagWriter  # noqa: E402
 from sma_sim.evidence.data.tables import read_columns  # noqa: E402
 from sma_sim.model.errors import UserError  # noqa: E402
+from sma_sim.model.structures.module import STRUCTURE as MODULE  # noqa: E402
 from sma_sim.ros.bag_names import bag_path, record_of_side  # noqa: E402
 from sma_sim.ros.graph_check import type_name  # noqa: E402
+from sma_sim.ros.recorder import RecordedTopic, Recorder  # noqa: E402
+from sma_sim.ros.robot_recorder import RobotRecorder  # noqa: E402
 
 JOINTS = ((JointState, 'joint_states'),)
 KILLS = 3
@@ -302,3 +306,32 @@ def test_a_reset_whose_bag_cannot_be_made_goes_on_without(tmp_path):
         assert not success and 'cannot make the bag' in message
         code, log = one.stop()
         assert code == 0 and future.result().success and 'the run after the reset is not recorded' in log, log
+
+
+@pytest.mark.parametrize('method', ['write_metadata', 'add'])
+def test_nothing_is_left_of_a_bag_that_cannot_be_begun(tmp_path, monkeypatch, method):
+    """Its folder would be in the way of the next try, on a disk that has space again."""
+
+    def fail(*_, **__):
+        raise OSError(28, 'No space left on device')
+
+    def begin():
+        return Recorder(tmp_path / 'run', [RecordedTopic('/J_eq', type_name(Float64), {})], {}, 0.0, 0.0, print)
+
+    with monkeypatch.context() as full:
+        full.setattr(BagWriter, method, fail)
+        with pytest.raises(UserError, match='No space left on device'):
+            begin()
+    assert not (tmp_path / 'run').exists()
+    begin().close()
+    assert (tmp_path / 'run' / 'metadata.yaml').is_file()
+
+
+def test_what_is_recorded_of_a_robot_has_its_stamped_commands(tmp_path):
+    """It takes them like the others, so that without them a recording would tell of another command."""
+    with ros_client.listener(ros_client.any_domain()) as node:
+        recorder = RobotRecorder(node, MODULE, (0.0, 0.0))
+        recorder.start(tmp_path / 'run')
+        topics = {subscription.topic_name for subscription in node.subscriptions}
+        recorder.stop()
+    assert {'/J_eq', '/J_eq_stamped'} <= topics

@@ -100,7 +100,7 @@ def recordings_from_columns(
         measurable = ', '.join(file.structure.channel_columns)
         raise NothingMeasuredError(f'{file.path}: nothing measured in it; expected some of the columns {measurable}')
     sessions, order_notes = ordered_sessions(file.path, columns['time_s'], sampled)
-    notes += order_notes
+    notes += [note for note in order_notes if note not in notes]  # the reading of a bag has said it
     found = [session for session in sessions if sampled[session].sum() >= MIN_SESSION_SAMPLES]
     if len(found) < len(sessions):
         notes.append(f'{len(sessions) - len(found)} sessions with fewer than {MIN_SESSION_SAMPLES} measured rows: dropped')

@@ -70,7 +70,17 @@ def is_shuffled(path: Path, time: Vector, sampled: Mask) -> bool:
                 f'there twice; expected one recording: are two mixed in this file?'
             )
         return repeated <= REPEATED_FRACTION
-    return bool(repeated == 0.0 and steps.max() <= 1.5 * np.median(steps))
+    return bool(repeated == 0.0 and steps.max() <= 1.5 * np.median(steps) and not are_interleaved(time))
+
+
+def are_interleaved(time: Vector) -> bool:
+    """Whether sorting would mix stretches between steps back row by row: they are periods of a clock that was set.
+
+    Rows that are out of place lie among others here and there, not in turns with them over CLOCK_STEP_INTERVALS.
+    """
+    stretch = np.append(0, np.cumsum(np.diff(time) < 0.0))[np.argsort(time, kind='stable')]
+    same = np.flatnonzero(np.diff(stretch, prepend=stretch[0], append=stretch[-1]) == 0)
+    return bool((np.diff(same) > CLOCK_STEP_INTERVALS).any())
 
 
 def are_regular(steps: Vector) -> bool:

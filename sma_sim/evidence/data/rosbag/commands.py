@@ -69,6 +69,16 @@ def ambient_refusal(celsius: float) -> str:
     return f'{expected}; {meant} (where it is so hot, set environment.T_E, in kelvin)'
 
 
+def commanded_positions(names: Sequence[str], count: int, wanted: Sequence[str]) -> list[int] | None:
+    """Which of the `count` efforts of a stamped command are those of the wanted names, or without names all of them; None
+    where some are missing."""
+    if not names and count == len(wanted):
+        return list(range(count))
+    if set(wanted) <= set(names) and count == len(names):
+        return [list(names).index(name) for name in wanted]
+    return None
+
+
 def clipped(J: float, J_max: float) -> float:
     """A heating command [W], not beyond J_max."""
     return min(max(J, -J_max), J_max)

@@ -12,7 +12,7 @@ import numpy as np
 
 from sma_sim.evidence.data.display_units import ZERO_CELSIUS
 from sma_sim.evidence.data.recording import FIRST
-from sma_sim.evidence.data.rosbag.commands import refusal
+from sma_sim.evidence.data.rosbag.commands import commanded_positions, refusal
 from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import known_structures
@@ -23,6 +23,7 @@ FLOAT64, FLOAT64_ARRAY = 'std_msgs/msg/Float64', 'std_msgs/msg/Float64MultiArray
 UINT8_ARRAY = 'std_msgs/msg/UInt8MultiArray'
 INTERFACE = 'interface'  # of a bag, in what it says of itself
 APPLIED = '_applied'  # after the name of a command: what is in force
+STAMPED = '_stamped'  # the same with a header
 PAIR_COMMAND, WIRE_COMMAND = 'J_eq', 'J'  # topics of the heating: of an antagonistic pair, of every wire
 SINGLE_CHANNELS = {'stress': 'wire_stresses', 'strain': 'wire_strains'}  # topics of what is measured on a test bench
 RESISTANCES, AMBIENT = 'wire_resistances', 'ambient_temperature'
@@ -138,6 +139,7 @@ def command_decoders(of: Interface) -> Decoders:
     else:
         heating = (FLOAT64_ARRAY, array_decoder(of.heating_columns))
     found = {f'{topic}{APPLIED}': heating, topic: (heating[0], heating_decoder(of))}
+    found[f'{topic}{STAMPED}'] = (JOINT_STATE, stamped_decoder(of))
     for name, column in of.drives.items():
         found[f'{name}{APPLIED}'] = found[name] = (FLOAT64, number_decoder(column))
     found['T_E_applied'] = (FLOAT64, number_decoder('T_E_K'))
@@ -214,6 +216,21 @@ def heating_decoder(of: Interface) -> Decode:
         pairs = zip(J.tolist(), layouts, strict=True)
         refused = [bool(refusal(command, count, signed, *layout)) for command, layout in pairs]
         return {name: np.where(refused, np.nan, J[:, i] if i < J.shape[1] else np.nan) for i, name in enumerate(columns)}
+
+    return decode
+
+
+def stamped_decoder(of: Interface) -> Decode:
+    """The same of a JointState with the efforts of the commands."""
+    names = of.heating_columns
+
+    def decode(message: Any) -> dict[str, Vector]:
+        positions = commanded_positions(message.name, len(message.effort), of.commands)
+        if positions is None:
+            return dict.fromkeys(names, np.full(np.shape(message.header.stamp.sec), np.nan))
+        J = message.effort[positions]
+        refused = [bool(refusal(command, len(of.commands), of.signed)) for command in J.T.tolist()]
+        return {name: np.where(refused, np.nan, values) for name, values in zip(names, J, strict=True)}
 
     return decode
 

@@ -3,7 +3,7 @@
 A bag that the node wrote has simulated time as its log time. In any other bag stamped messages count by their stamps, and
 the rest (commands, forces) by the stamp that belongs to its log time: the clock of the recorder may run at another rate than
 that of the stamps, and go on while that one stands still. Of such a bag that does not tell what was applied, the rules of
-`commands` say what was in force.
+`commands` say what was in force. Where the stamps go back, another session begins, as in a table.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from sma_sim.evidence.data.rosbag.interface import (
     INTERFACE,
     JOINT_STATE,
     PAIR_COMMAND,
+    STAMPED,
     WIRE_COMMAND,
     Decode,
     Interface,
@@ -37,9 +38,11 @@ from sma_sim.evidence.data.rosbag.interface import (
 )
 from sma_sim.evidence.data.rosbag.salvage import Bag, open_bag
 from sma_sim.evidence.data.rosbag.writer import typestore
+from sma_sim.evidence.data.sessions import ordered_sessions
 from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
 from sma_sim.model.parameters import ZERO_CELSIUS
+from sma_sim.model.shown import counted
 from sma_sim.model.structures.discovery import package_structures
 from sma_sim.model.structures.structure import Structure
 
@@ -47,7 +50,7 @@ JITTER_WINDOW = 51  # stamped messages whose median delay counts: single ones ar
 SAME_RATE = 0.01  # by which the rates of two clocks differ without a word
 SNAP_FRACTION = 0.3  # of a sample period: an unstamped message so near to a stamp belongs to it
 MODE_TOPICS = ('wire_modes',)  # published at jumps too: only those at the time of a sample are kept
-COMMANDS = tuple(f'{name}{suffix}' for name in (PAIR_COMMAND, WIRE_COMMAND) for suffix in ('', APPLIED))
+COMMANDS = tuple(f'{name}{suffix}' for name in (PAIR_COMMAND, WIRE_COMMAND) for suffix in ('', STAMPED, APPLIED))
 
 
 @dataclass
@@ -75,15 +78,25 @@ def read_bag(
     structure: Structure | None = None,
     limits: CommandLimits = UNLIMITED,
     notes: list[str] | None = None,
+    one_run: bool = True,
 ) -> dict[str, Vector]:
     """Columns of the file contract, (k,) each, from a bag of a robot; NaN where a topic had no message at that time.
 
     What is imposed and the ambient temperature are held from message to message. `structure` says what the robot is, where
     the bag itself does not; without it, topics and joints tell. `limits` say what a robot accepts that does not publish what
     it has applied. What was done with commands and times is added to `notes`. Raises UserError when there is no bag, no
-    command in it, or several robots and no `namespace`.
+    command in it, or several robots and no `namespace`; and, unless `one_run` is False, where it holds several sessions.
     """
-    return columns_of_bag(open_bag(path), namespace, structure, limits, [] if notes is None else notes)
+    columns = columns_of_bag(open_bag(path), namespace, structure, limits, [] if notes is None else notes)
+    steps = np.diff(columns['time_s'])
+    back = steps < 0.0
+    if one_run and back.any():
+        raise UserError(
+            f'{path}: the stamps go back {counted(int(back.sum()), "time")}, first by {-steps[back][0]:.3f} s: a clock was '
+            'set, or a simulator was reset. Expected one run; compare, fit and diagnose read each part, and '
+            f'`sma-sim bag convert {path} FILE.csv` writes all of them, to be cut where time goes back'
+        )
+    return columns
 
 
 def columns_of_bag(
@@ -95,6 +108,7 @@ def columns_of_bag(
     commands, measured = command_decoders(interface), measured_decoders(interface)
     wanted = {f'{prefix}{name}': (name, *rest) for name, rest in {**commands, **measured}.items()}
     series = read_series(bag, wanted)
+    take_stamped_commands(series, interface.heating_topic)
     topics = (interface.heating_topic, *interface.drives)
     if not any(name in series for topic in topics for name in (topic, f'{topic}{APPLIED}')):
         expected = ' or '.join(f'{prefix}{name}' for name in (topics[0], f'{topics[0]}{APPLIED}'))
@@ -103,11 +117,16 @@ def columns_of_bag(
             f'{bag.path} has no command: expected messages on {expected}, got {given}; publish or remap the power to that '
             f'topic, or export the bag as CSV and name its columns in a map (--map)'
         )
-    times = message_times(series, 'epoch' in bag.about, measured, notes)
-    zero = int(bag.about['epoch']) if 'epoch' in bag.about else min(int(t[0]) for t in times.values())
-    apply_command_rules(series, times, zero, interface, limits, notes)
-    leave_out_refused_ambient(series, times, zero, notes)
-    return columns_from_series(series, times, zero, interface)
+    zero = int(bag.about['epoch']) if 'epoch' in bag.about else None
+    sessions = [series] if zero is not None else sessions_of(bag.path, series, commands, notes)
+    found = []
+    for session in sessions:
+        times = message_times(session, 'epoch' in bag.about, measured, notes)
+        zero = min(int(t.min()) for t in times.values()) if zero is None else zero
+        apply_command_rules(session, times, zero, interface, limits, notes)
+        leave_out_refused_ambient(session, times, zero, notes)
+        found.append(columns_from_series(session, times, zero, interface))
+    return found[0] if len(found) == 1 else one_after_another(found, interface)
 
 
 def interface_of_robot(path: Path, namespace: str | None = None) -> Interface:
@@ -122,13 +141,17 @@ def interface_of_bag(bag: Bag, prefix: str, structure: Structure | None = None) 
         return interface_from(bag.about[INTERFACE], str(bag.path))
     if structure is not None:
         return interface_of(structure)
-    heating = PAIR_COMMAND
-    if {f'{prefix}{WIRE_COMMAND}', f'{prefix}{WIRE_COMMAND}{APPLIED}'} & set(bag.topics()):
+    heating, there = PAIR_COMMAND, set(bag.topics())
+    if {f'{prefix}{WIRE_COMMAND}{suffix}' for suffix in ('', STAMPED, APPLIED)} & there:
         heating = WIRE_COMMAND
     names, count = first_message(bag, {f'{prefix}joint_states'}, JOINT_STATE, 'name'), 1
     if heating == WIRE_COMMAND:
         topics = {f'{prefix}{WIRE_COMMAND}', f'{prefix}{WIRE_COMMAND}{APPLIED}'}
-        count = len(first_message(bag, topics, FLOAT64_ARRAY, 'data'))
+        count = len(
+            first_message(bag, topics, FLOAT64_ARRAY, 'data')
+            if topics & there
+            else first_message(bag, {f'{prefix}{WIRE_COMMAND}{STAMPED}'}, JOINT_STATE, 'effort')
+        )
     known = [one for one in known_interfaces(count) if one.heating_topic == heating and len(one.commands) == count]
     fitting = [one for one in known if has_joints(names, tuple(one.joints))]
     if fitting:
@@ -207,6 +230,73 @@ def read_series(bag: Bag, wanted: Mapping[str, tuple[str, str, Decode]]) -> dict
             for column, values in decode(message).items():
                 series.values.setdefault(column, np.full(len(logs), np.nan))[at] = values
     return found
+
+
+def take_stamped_commands(series: dict[str, TopicSeries], topic: str) -> None:
+    """Put the commands with a stamp among those without: a robot takes both, as they arrive, whenever they were made."""
+    stamped = series.pop(f'{topic}{STAMPED}', None)
+    if stamped is None:
+        return
+    both = [stamped, *([series[topic]] if topic in series else [])]
+    log = np.concatenate([one.log for one in both])
+    order = np.argsort(log, kind='stable')
+    values = {name: np.concatenate([one.values[name] for one in both])[order] for name in stamped.values}
+    series[topic] = TopicSeries(log[order], np.zeros_like(log), values)
+
+
+def sessions_of(
+    path: Path, series: Mapping[str, TopicSeries], commands: Collection[str], notes: list[str]
+) -> list[dict[str, TopicSeries]]:
+    """The messages of each session: where stamps go back, the rules are those of the rows of a table.
+
+    Those without a stamp belong to the session in which they were logged. The last of the `commands` (topics) before it
+    began is in force in it. Raises UserError where two recordings seem to be mixed.
+    """
+    stamps = {name: topic.stamp for name, topic in series.items() if topic.stamp.any()}
+    if not stamps or not any((np.diff(each) < 0).any() for each in stamps.values()):
+        return [dict(series)]
+    pace = max(stamps, key=lambda name: len(stamps[name]))
+    rows = {name: rows_of_sessions(path, stamp, notes if name == pace else []) for name, stamp in stamps.items()}
+    begins = np.array([series[pace].log[each[0]] for each in rows[pace]][1:])
+    sessions = []
+    for number in range(len(rows[pace])):
+        session = {}
+        for name, topic in series.items():
+            of_topic = np.searchsorted(begins, topic.log, side='right')
+            chosen = np.flatnonzero(of_topic == number)
+            if name == pace or name in rows and len(rows[name]) == len(rows[pace]):
+                chosen = rows[name][number]
+            held = np.setdiff1d(np.flatnonzero(of_topic < number)[-1:], chosen) if name in commands else chosen[:0]
+            at = np.concatenate([held, chosen])
+            if len(at):
+                log, stamp = topic.log[at], topic.stamp[at]
+                if number:
+                    log = np.maximum(log, begins[number - 1])
+                if len(held) and name in stamps:
+                    stamp[0] = stamps[pace][rows[pace][number][0]]
+                session[name] = TopicSeries(log, stamp, {key: each[at] for key, each in topic.values.items()})
+        sessions.append(session)
+    return sessions
+
+
+def rows_of_sessions(path: Path, stamp: Times, notes: list[str]) -> list[NDArray[np.intp]]:
+    """Which messages of a topic make up each session, in the order of their log times."""
+    found, words = ordered_sessions(path, (stamp - stamp[0]) / 1e9, np.ones(len(stamp), dtype=bool))
+    notes += words
+    return [np.sort(np.arange(len(stamp))[rows]) for rows in found]
+
+
+def one_after_another(sessions: Sequence[Mapping[str, Vector]], of: Interface) -> dict[str, Vector]:
+    """The columns of sessions, in which time goes back where one begins; what is not in all of them is missing there, but
+    for what was not commanded yet."""
+    zero = (*of.drives.values(), *of.heating_columns)
+    names = [name for name in of.columns if any(name in columns for columns in sessions)]
+    return {
+        name: np.concatenate(
+            [columns.get(name, np.full(len(columns['time_s']), 0.0 if name in zero else np.nan)) for columns in sessions]
+        )
+        for name in names
+    }
 
 
 def message_times(
@@ -335,7 +425,7 @@ def columns_from_series(
                 continue
             filled = np.full(len(every), np.nan)
             at = np.searchsorted(every, times[name])
-            known = (at < len(every)) & (every[np.minimum(at, len(every) - 1)] == times[name])
+            known = (at < len(every)) & (every[np.minimum(at, len(every) - 1)] == times[name]) & ~np.isnan(values)
             order = slice(None, None, 1 if name in commands else -1)  # at one time: the last command, the first sample
             filled[at[known][order]] = values[known][order]
             columns[column] = filled
