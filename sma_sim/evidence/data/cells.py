@@ -188,7 +188,10 @@ def cell_number(row: Sequence[str], index: int, name: str, number: int, layout: 
     except ValueError:
         value = float('nan')
     if np.isnan(value) or np.isinf(value) and not layout.tolerant:
-        got = repr(layout.format.as_written(cell[:40]) or 'nothing') + cure_of(cell, name, layout.tolerant)
+        cure = cure_of(cell, name, layout.tolerant)
+        if name in layout.full and cell.lower() in MISSING_CELLS:
+            cure = '; write the number that holds there, or delete the row'
+        got = repr(layout.format.as_written(cell[:40]) or 'nothing') + cure
         decimals = ' with a decimal comma, as the file has them' if layout.format.decimal_comma else ''
         raise UserError(f'{layout.path}, row {number}, column {name}: expected a number{decimals}, got {got}')
     return value

@@ -64,12 +64,17 @@ def write_mcap(path: Path, columns: Mapping[str, Vector], structure: Structure |
 
 
 def interface_of_columns(columns: Collection[str]) -> Interface:
-    """The interface of the structure whose input is there, that has the most of the columns, and the fewest others."""
+    """The interface of the structure whose input is there, that has the most of the columns, and the fewest others.
+
+    Where no input is there, one of a name that begins alike is looked for: messages then say what is wrong with that.
+    """
     names = set(columns)
     powers = [int(found.group(1)) for name in names if (found := re.fullmatch(r'J_(?:eq_)?(\d+)_W', name))]
 
-    def fitness(one: Interface) -> tuple[bool, int, int]:
-        return names.issuperset(one.drives.values() or one.heating_columns), len(names & set(one.columns)), -len(one.columns)
+    def fitness(one: Interface) -> tuple[bool, int, int, int]:
+        known = len(names & set(one.columns))
+        alike = max(len(stem) * any(name.startswith(stem) for name in names) for stem in (*one.drives, *one.commands))
+        return names.issuperset(one.drives.values() or one.heating_columns), known, alike, -len(one.columns)
 
     return max(known_interfaces(max(powers, default=1)), key=fitness)
 
