@@ -6,7 +6,7 @@ Parameters: kp [W/rad], ki [W/(rad s)], alpha_target [rad], J_max [W], rate [Hz]
 changed while it runs. `joint` is the name of the angle in joint_states: alpha, after the module's node.joint_prefix. A
 std_msgs/Float64 on `alpha_target` [rad] sets the target too, and so does a sensor_msgs/JointState on `joint_commands`, which
 ros2_control's topic-based hardware sends. Time is that of the stamps of `joint_states`, so the loop is the same at any
-real-time factor. The heating goes off when joint_states stop, and at the end.
+real-time factor. The heating goes off when joint_states stop or their stamps stand still, and at the end.
 """
 
 import math

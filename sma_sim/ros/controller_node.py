@@ -115,7 +115,10 @@ class ModelController:
     def _take(self, now: Sample) -> None:
         """Answer a sample with a command, `control.rate` times per second."""
         before, began = self._before, time.monotonic()
-        later = math.inf if self._newest is None else 1e-9 * (now.time - self._newest.time)
+        if self._newest is None:
+            self._newest = now  # whether its stamps move on shows with the next one
+            return
+        later = 1e-9 * (now.time - self._newest.time)
         fault = stamp_fault(later) if later > -self._silence else ''
         if fault:
             self._lack(fault, f'they are no new samples; {FILLED_IN}')

@@ -105,7 +105,7 @@ def test_a_stamp_that_repeats_now_and_then_changes_nothing(controller):
     assert set(controller.sent) == {12.0} and controller.status() == ('following', False)
 
 
-def test_stamps_that_are_not_filled_in_are_heated_by_once_at_the_most(monkeypatch, node):
+def test_nothing_is_commanded_by_stamps_that_are_not_filled_in(monkeypatch, node):
     monkeypatch.setattr(controller_node, 'LAWS', {'predictive': Law})
     config = Config(settings={'control.hold': True})
     beside = Beside(monkeypatch, controller_node, lambda given: ModelController(node, given, False), config)
@@ -113,7 +113,7 @@ def test_stamps_that_are_not_filled_in_are_heated_by_once_at_the_most(monkeypatc
     monkeypatch.setattr(beside.runner._command, 'publish', lambda message: sent.append(message.data))
     for _ in range(300):
         beside.sample(0.0)
-    assert sent == [12.0, 0.0] and beside.status()[1]
+    assert not sent and beside.status() == (f'waiting for a target; {REPEATS}: heating off', True)
 
 
 def test_without_its_coordinate_the_controller_turns_the_heating_off_and_does_not_end(controller):
