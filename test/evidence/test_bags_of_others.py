@@ -14,8 +14,8 @@ from sma_sim.cli.main import main
 from sma_sim.evidence.data.recordings import read_dataset
 from sma_sim.evidence.data.rosbag.commands import UNLIMITED, CommandLimits, ambient_refusal, in_force
 from sma_sim.evidence.data.rosbag.interface import FLOAT64, FLOAT64_ARRAY, JOINT_STATE, TEMPERATURE
-from sma_sim.evidence.data.rosbag.salvage import repair
 from sma_sim.evidence.data.rosbag.reader import read_bag
+from sma_sim.evidence.data.rosbag.salvage import repair
 from sma_sim.evidence.data.rosbag.writer import BagWriter, typestore
 from sma_sim.model.errors import UserError
 from sma_sim.model.structures.discovery import known_structures
