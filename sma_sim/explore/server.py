@@ -25,24 +25,7 @@ from sma_sim.model.errors import UserError
 LOOPBACK = '127.0.0.1'
 ASSETS = Path(__file__).parent / 'assets'
 SCRIPT = 'text/javascript; charset=utf-8'
-SCRIPTS = (
-    'app',
-    'chart',
-    'columns',
-    'command',
-    'controls',
-    'drawing',
-    'figures',
-    'focus',
-    'history',
-    'live',
-    'recordings',
-    'results',
-    'stages',
-    'steps',
-    'wire',
-)
-TYPES = {'page.css': 'text/css; charset=utf-8', **{f'{name}.js': SCRIPT for name in SCRIPTS}}
+TYPES = {'page.css': 'text/css; charset=utf-8', **{path.name: SCRIPT for path in ASSETS.glob('*.js')}}
 JSON, BINARY = 'application/json', 'application/octet-stream'
 MAX_BODY = 25_000_000  # bytes
 MAX_INT = 300  # digits

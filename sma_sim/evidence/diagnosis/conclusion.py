@@ -38,6 +38,7 @@ from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS
 from sma_sim.evidence.estimation.uncertainty import AmbientDifference, known_ambient
 from sma_sim.evidence.model_selection.criteria import ADEQUATE_PART, UNEXPLAINED
 from sma_sim.evidence.search.beam import Book
+from sma_sim.evidence.search.components import difference_component
 from sma_sim.evidence.search.equations import has_terms
 from sma_sim.evidence.search.posterior import EVEN, Posterior
 from sma_sim.evidence.search.refine import TIE
@@ -83,7 +84,7 @@ def conclusion(
     stages.append(final_stage(known, 'formula' if is_formula else 'added' if stages else 'nominal', last, context))
     fitted_explained = stages[-1].train <= data.limit and not is_unlisted(posterior.unlisted, data.limit)
     if fitted_explained and stages[-1].held_out > data.limit:
-        together = pooled_refit(known, last, stages[-1].predicted, context)
+        together = pooled_refit(known, last, stages[-1].predicted, posterior.overdispersion, context)
     pooled = None if together is None else together[1]
     explained = pooled is not None and pooled.explained(data.limit)
     is_worse, best = False, len(stages) - 1
@@ -104,9 +105,9 @@ def conclusion(
     if is_worse and together is not None:
         context.on_progress('fitting all runs with fewer components')
         earlier = fits[best]
-        fewer = pooled_refit(known, earlier, stages[best].predicted, context)
-        more = sum(one.log_prior for one in posterior.best.components if one.effect and one.effect not in earlier.effects)
         k = posterior.overdispersion
+        fewer = pooled_refit(known, earlier, stages[best].predicted, k, context)
+        more = sum(one.log_prior for one in posterior.best.components if one.effect and one.effect not in earlier.effects)
         is_worse = fewer is None or evidence_score(together[0], more, k, context) < evidence_score(fewer[0], 0.0, k, context)
     verdict = 'unknown_effect' if is_worse else verdict_of(stages[-1], pooled, posterior, data.limit)
     return Conclusion(verdict, last, tuple(stages), pooled)
@@ -414,47 +415,52 @@ class PooledErrors:
 
 
 def pooled_refit(
-    data: StageData, last: FitResult, predicted: Sequence[RunFit], context: SearchContext
+    data: StageData, last: FitResult, predicted: Sequence[RunFit], k: float, context: SearchContext
 ) -> tuple[FitResult, PooledErrors] | None:
     """A model fitted to the training and the held-out runs, from where it is and where they are `predicted` to start.
 
-    The first of several fits that leaves nothing, else the first one. None where it cannot be run, or was stopped.
+    The most probable of several fits under an overdispersion k, of those that leave nothing if there are any. None where it
+    cannot be run, or was stopped.
     """
-    first: tuple[FitResult, PooledErrors] | None = None
-    for fit in refits(data, last, predicted, context):
+    found = list[tuple[bool, float, FitResult, PooledErrors]]()
+    for fit, log_prior in refits(data, last, predicted, context):
         if context.stop.is_set():
             return None
-        found = None if fit is None else (fit, errors_of(fit, data.training, context))
-        if found is not None and found[1].explained(data.limit):
-            return found
-        first = first or found
-    return first
+        if fit is not None:
+            errors = errors_of(fit, data.training, context)
+            found.append((errors.explained(data.limit), evidence_score(fit, log_prior, k, context), fit, errors))
+        if log_prior and any(explained for explained, *_ in found):
+            break
+    return max(found, key=lambda one: one[:2])[2:] if found else None
 
 
 def refits(
     data: StageData, last: FitResult, predicted: Sequence[RunFit], context: SearchContext
-) -> Iterator[FitResult | None]:
-    """Fits of the last model to all runs, one after the other as they are asked for; None for one that cannot be made.
+) -> Iterator[tuple[FitResult | None, float]]:
+    """Fits of the last model to all runs, one after the other as they are asked for, None for one that cannot be made, and
+    the log prior of what each adds.
 
-    From where it is and where the held-out runs are `predicted` to start; from all starts of a fit; with an ambient
-    temperature for each run, where these have none yet and their wires have a balance of heat.
+    From where it is and where the held-out runs are `predicted` to start; with an ambient temperature for each run, where
+    these have none yet and their wires have a balance of heat; from all starts of a fit.
     """
     both = pooled(data.training, data.held_out)
     problem = replace(problem_for(both, last.problem.config, data.options, 1), free=last.problem.free)
     context.on_progress('fitting the held-out runs too')
     z = point_with(problem, last.z.tolist(), predicted)
     found = refit(problem, z, context, FROM_PRIORS)
-    yield found
+    yield found, 0.0
+    rooms: FitResult | None = None
+    if found is not None and all(run.ambient_std == 0.0 and run.starts for run in problem.runs):
+        context.on_progress('fitting all runs, each with an ambient temperature of its own')
+        rooms = refit(*with_difference(problem, found.z, AMBIENT), context, FROM_PRIORS)
+    yield rooms, difference_component(AMBIENT, problem).log_prior
     context.on_progress('fitting all runs from the start')
     names = tuple(parameter.name for parameter in last.problem.free)
     try:
         start = PreparedFit(both, last.problem.config, curve_features(both), context.kinetics)
-        yield multistart_search(start, replace(data.options, free=names), context, FROM_PRIORS)
+        yield multistart_search(start, replace(data.options, free=names), context, FROM_PRIORS), 0.0
     except SimulationError:
-        yield None
-    if found is not None and all(run.ambient_std == 0.0 and run.starts for run in problem.runs):
-        context.on_progress('fitting all runs, each with an ambient temperature of its own')
-        yield refit(*with_difference(problem, found.z, AMBIENT), context, FROM_PRIORS)
+        yield None, 0.0
 
 
 def errors_of(fit: FitResult, training: Dataset, context: SearchContext) -> PooledErrors:

@@ -80,31 +80,22 @@ def promised_zeros(
     twice what the score promises to rise by. `drifting`: zeros that change within a recording."""
     structure = problem.config.structure
     sizes = dict(zip(structure.channels, channel_scales(structure), strict=True))
-    known = {
-        name
-        for run in problem.runs
-        for name, std in zip(run.channels, run.drift_std if drifting else run.zero_std, strict=False)
-        if std > 0.0
-    }
+    stated = [zip(run.channels, run.drift_std if drifting else run.zero_std, strict=False) for run in problem.runs]
+    known = {name for of_run in stated for name, std in of_run if std > 0.0}
     stds = {name: ZERO_PART * sizes[name] for run in problem.runs for name in run.channels if name not in known}
     if not stds:
         return {}
-    responses = [
-        np.array(
-            [
-                std * (run.weight * (np.array(run.channels) == name)[:, None] * shape).ravel()
-                for shape in ((1.0, elapsed(run)) if drifting else (1.0,))
-                for name, std in stds.items()
-            ]
-        )
-        for run in problem.runs
-    ]
+    responses = list[Matrix]()
+    for run in problem.runs:
+        still = [std * run.weight * (np.array(run.channels) == name)[:, None] for name, std in stds.items()]
+        rows = [*still, *(one * elapsed(run) for one in still)] if drifting else still
+        responses.append(np.reshape(rows, (len(rows), -1)))
     squares, products = project.products_of_runs(responses)
     of_channel = {name: np.arange(k, len(products), len(stds)) for k, name in enumerate(stds)}
     chosen, score, found = list[str](), 0.0, dict[RecordingDifference, tuple[float, float]]()
     while rest := [name for name in stds if name not in chosen]:
-        rows = {name: np.concatenate([of_channel[one] for one in (*chosen, name)]) for name in rest}
-        parts = {name: (squares[np.ix_(at, at)], products[at]) for name, at in rows.items()}
+        places = {name: np.concatenate([of_channel[one] for one in (*chosen, name)]) for name in rest}
+        parts = {name: (squares[np.ix_(at, at)], products[at]) for name, at in places.items()}
         scores = {name: gain(*part) - log_volume(part[0]) for name, part in parts.items()}
         best = max(rest, key=scores.__getitem__)
         if scores[best] <= score:
