@@ -34,11 +34,10 @@ from sma_sim.evidence.symbolic_regression.term_fits import (
     VisitedRanges,
     grid_of,
     peak_frequencies,
-    rms_value,
     shape_grid,
     with_own_responses,
 )
-from sma_sim.evidence.symbolic_regression.terms import factor, per_unit, product_unit
+from sma_sim.evidence.symbolic_regression.terms import factor, per_unit, times
 from sma_sim.evidence.symbolic_regression.universal_term import universal_term
 from sma_sim.evidence.symbolic_regression.visited_states import VisitedStates, kernel_fields, term_values
 from sma_sim.model.config import read_config
@@ -147,7 +146,11 @@ def test_a_formula_of_several_terms_keeps_their_names_apart():
 
 def test_units_of_coefficients():
     assert per_unit('W', 'K') == 'W/K' and per_unit('-', '-') == '-' and per_unit('-', 'K') == '1/K'
-    assert per_unit('N m', product_unit('rad', 's')) == 'N m/(rad s)' and product_unit('-', 'K') == 'K'
+    of_unit = {term.unit: term for term in LOCATIONS['moment_alpha'].terms}
+    units = [
+        times(of_unit[one], replace(of_unit['-'], unit=other)).unit for one, other in (('rad', 's'), ('-', 'K'), ('-', '-'))
+    ]
+    assert per_unit('N m', units[0]) == 'N m/(rad s)' and units[1:] == ['K', '-']
     assert factor('s.T - s.T_E') == '(s.T - s.T_E)' and factor('max(0.0, s.t - p.t_0)') == 'max(0.0, s.t - p.t_0)'
 
 
@@ -170,8 +173,8 @@ def test_a_term_that_overflows_is_not_tried():
     activated = next(term for term in LOCATIONS['stress'].terms if term.name == 'activated')
     ones = np.ones(3)
     states = VisitedStates(0, {'t': np.arange(3.0), 'T': 900.0 * ones, 'T_E': 300.0 * ones})
-    assert rms_value(activated, (0.5,), states) == np.inf
-    assert rms_value(activated, (60.0,), states) < np.inf
+    squares = [np.mean(term_values(activated, shapes, states) ** 2) for shapes in ((0.5,), (60.0,))]
+    assert squares[0] == np.inf and squares[1] < np.inf
 
 
 def test_effects_on_the_structure_see_the_temperatures(tmp_path):

@@ -36,7 +36,6 @@ from sma_sim.evidence.estimation.recording_differences import AMBIENT, Recording
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS
 from sma_sim.evidence.estimation.uncertainty import AmbientDifference, known_ambient
-from sma_sim.evidence.model_selection.criteria import ADEQUATE_PART, UNEXPLAINED
 from sma_sim.evidence.search.beam import Book
 from sma_sim.evidence.search.components import difference_component
 from sma_sim.evidence.search.equations import has_terms
@@ -46,6 +45,13 @@ from sma_sim.evidence.search.score import evidence_at, evidence_of, unlisted_pro
 from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.solver.simulate import SimulationError
+
+UNEXPLAINED = 1.3
+"""Normalized RMSE above which something is missing that no accepted effect explains: parameters that few runs tell, and a
+noise that was estimated, can raise the error of a right model up to there."""
+ADEQUATE_PART = 0.05
+"""Of what strain spans in a quasi-static test: a model of one homogeneous wire predicts it to within that, since specimens
+have gradients of temperature and texture that no such model has."""
 
 
 @dataclass(frozen=True)
@@ -77,14 +83,14 @@ def conclusion(
     Fitted runs may leave open what a model predicts. One that explains all runs when it is fitted to them, and else predicts
     those held out worse than an earlier one, is judged by what all runs say of both.
     """
-    last, together = as_fitted(path[-1], context), None
+    last, together, k = as_fitted(path[-1], context), None, posterior.overdispersion
     fits = [estimated(earlier, data, context) for earlier in path[:-1]]
     stages = [provisional_stage(data, 'added' if k else 'nominal', one, context) for k, one in enumerate(fits)]
     known = data.under(last, context)
     stages.append(final_stage(known, 'formula' if is_formula else 'added' if stages else 'nominal', last, context))
     fitted_explained = stages[-1].train <= data.limit and not is_unlisted(posterior.unlisted, data.limit)
     if fitted_explained and stages[-1].held_out > data.limit:
-        together = pooled_refit(known, last, stages[-1].predicted, posterior.overdispersion, context)
+        together = pooled_refit(known, last, stages[-1].predicted, k, context)
     pooled = None if together is None else together[1]
     explained = pooled is not None and pooled.explained(data.limit)
     is_worse, best = False, len(stages) - 1
@@ -93,7 +99,7 @@ def conclusion(
         if pooled is not None and own_rooms and known.held_out is not None:
             context.on_progress('predicting the held-out runs, each with an ambient temperature of its own')
             pooled = replace(pooled, in_own_rooms=errors_in_own_rooms(stages, known.held_out, context))
-        k, pairs = posterior.overdispersion, zip(stages, [*fits, last], strict=True)
+        pairs = zip(stages, [*fits, last], strict=True)
         densities = [log_predictive(stage, fit, data, (k, own_rooms), context) for stage, fit in pairs]
         best = max(range(len(stages)), key=lambda one: (densities[one], one))
         is_worse = densities[best] > densities[-1] + TIE
@@ -105,7 +111,6 @@ def conclusion(
     if is_worse and together is not None:
         context.on_progress('fitting all runs with fewer components')
         earlier = fits[best]
-        k = posterior.overdispersion
         fewer = pooled_refit(known, earlier, stages[best].predicted, k, context)
         more = sum(one.log_prior for one in posterior.best.components if one.effect and one.effect not in earlier.effects)
         is_worse = fewer is None or evidence_score(together[0], more, k, context) < evidence_score(fewer[0], 0.0, k, context)
@@ -446,8 +451,7 @@ def refits(
     both = pooled(data.training, data.held_out)
     problem = replace(problem_for(both, last.problem.config, data.options, 1), free=last.problem.free)
     context.on_progress('fitting the held-out runs too')
-    z = point_with(problem, last.z.tolist(), predicted)
-    found = refit(problem, z, context, FROM_PRIORS)
+    found = refit(problem, point_with(problem, last.z.tolist(), predicted), context, FROM_PRIORS)
     yield found, 0.0
     rooms: FitResult | None = None
     if found is not None and all(run.ambient_std == 0.0 and run.starts for run in problem.runs):
@@ -465,8 +469,7 @@ def refits(
 
 def errors_of(fit: FitResult, training: Dataset, context: SearchContext) -> PooledErrors:
     """The errors of a fit to the training runs and those held out, in this order."""
-    fits = run_fits(fit.problem, fit.z, context.pool)
-    count = len(training.recordings)
+    fits, count = run_fits(fit.problem, fit.z, context.pool), len(training.recordings)
     ambient = {run.name: run.ambient for run in fits if run.ambient_std > 0.0}
     known = known_ambient(fit.problem, fit.z, context.pool) if ambient else {}
     left = unlisted_probability(evidence_of(fit, 0.0, context))

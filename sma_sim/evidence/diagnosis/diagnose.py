@@ -16,6 +16,7 @@ from sma_sim.evidence.data.readings import with_noise_of_readings
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.train_test_split import apart, hold_out_last, pooled
 from sma_sim.evidence.diagnosis.conclusion import (
+    UNEXPLAINED,
     HeldOutVerdict,
     ModelStage,
     PooledErrors,
@@ -32,7 +33,6 @@ from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, impla
 from sma_sim.evidence.estimation.prepared_fit import PreparedFit, check_data, check_systems, prepare
 from sma_sim.evidence.estimation.recording_differences import RecordingDifference
 from sma_sim.evidence.estimation.search_context import OnProgress, SearchContext
-from sma_sim.evidence.model_selection.criteria import UNEXPLAINED
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fits, report_model
 from sma_sim.evidence.search.beam import search
 from sma_sim.evidence.search.confounding import Confounding, SimilarEffect, confoundings, most_similar
@@ -136,8 +136,9 @@ class Diagnosis(Shown, Saved, Comparable):
     @property
     def has_compared(self) -> bool:
         """Whether anything was compared with the nominal model, so that probabilities say something."""
-        tried = any(step.candidate_fits for step in self.selection_steps)
-        return not is_uncertain(self.set_up) and (self.search_ended or tried)
+        return not is_uncertain(self.set_up) and (
+            self.search_ended or any(one.candidate_fits for one in self.selection_steps)
+        )
 
     def facts(self) -> Mapping[str, str]:
         """What is to be known at a glance; errors are root mean squares over the noise, 1 is perfect."""
@@ -294,8 +295,9 @@ def diagnose(
 
 def at_tolerance_of(found: Diagnosis, config: Config) -> Diagnosis:
     """A diagnosis whose models have the solver.rtol of a configuration."""
-    stages = (replace(stage, calibration=stage.calibration.at_tolerance_of(config)) for stage in found.stages)
-    return replace(found, stages=tuple(stages))
+    return replace(
+        found, stages=tuple(replace(one, calibration=one.calibration.at_tolerance_of(config)) for one in found.stages)
+    )
 
 
 def searched_together(

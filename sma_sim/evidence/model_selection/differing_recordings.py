@@ -96,7 +96,8 @@ def promised_zeros(
     while rest := [name for name in stds if name not in chosen]:
         places = {name: np.concatenate([of_channel[one] for one in (*chosen, name)]) for name in rest}
         parts = {name: (squares[np.ix_(at, at)], products[at]) for name, at in places.items()}
-        scores = {name: gain(*part) - log_volume(part[0]) for name, part in parts.items()}
+        better_known = {name: float(np.linalg.slogdet(part[0] + np.eye(len(part[0])))[1]) for name, part in parts.items()}
+        scores = {name: gain(*part) - better_known[name] for name, part in parts.items()}  # twice those of the score
         best = max(rest, key=scores.__getitem__)
         if scores[best] <= score:
             break
@@ -135,11 +136,6 @@ def gain(squares: Matrix, products: Vector) -> float:
     """By how much the squares decrease if each of some responses has an amount, under a standard normal prior: by products
     of what is left of these with each other (m, m) and with the residuals (m,)."""
     return float(products @ np.linalg.solve(squares + np.eye(len(products)), products))
-
-
-def log_volume(squares: Matrix) -> float:
-    """By how much these amounts are better known then than before: twice what they cost a score."""
-    return float(np.linalg.slogdet(squares + np.eye(len(squares)))[1])
 
 
 def unpowered_side(

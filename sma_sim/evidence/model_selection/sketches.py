@@ -16,14 +16,7 @@ import numpy as np
 from sma_sim.evidence.estimation.executors import run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult
 from sma_sim.evidence.estimation.levenberg_marquardt import secant_minimum
-from sma_sim.evidence.estimation.problem import (
-    LinearizedRun,
-    linearize,
-    near,
-    own_derivatives,
-    places_among,
-    residuals_at,
-)
+from sma_sim.evidence.estimation.problem import LinearizedRun, linearize, near, own_derivatives, places_among, residuals_at
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import ADDED_EFFECT, FROM_PRIORS, SKETCH_DECREASE
 from sma_sim.evidence.model_selection.model_changes import with_candidate
@@ -74,11 +67,7 @@ def may_reach(sketch: float, target: float) -> bool:
 
 
 def sketches_from(
-    start: FitResult,
-    damping: float,
-    candidates: Sequence[ScreeningResult],
-    context: SearchContext,
-    targets: Sequence[float],
+    start: FitResult, damping: float, candidates: Sequence[ScreeningResult], context: SearchContext, targets: Sequence[float]
 ) -> list[FitResult | None]:
     """By candidate, its sketch from one point of the model without it; None where that cannot be run.
 

@@ -132,11 +132,6 @@ class LinearizedFit:
         return [change_of(shown, self._nominal) for shown in residuals_under(self._nearby, self._z, configs, self._pool)]
 
 
-def rms_value(term: Term, shapes: Sequence[float], states: VisitedStates) -> float:
-    """Root mean square of a term along a run."""
-    return float(np.sqrt(np.mean(term_values(term, shapes, states) ** 2)))
-
-
 def sum_of(responses: Sequence[Vector | None]) -> Vector | None:
     """The response to all of some trials at once; None where one of them cannot be run."""
     known = [response for response in responses if response is not None]
@@ -153,7 +148,7 @@ def fit_terms_at(linearized: LinearizedFit, group: Sequence[Location], stop: Sto
         for term in group[0].terms
         if timed or 't' not in term.variables
         for shapes in shape_grid(term, ranges)
-        if 0.0 < (size := max(rms_value(term, shapes, states) for states in ranges.visited)) < inf
+        if 0.0 < (size := max(float(np.sqrt(np.mean(term_values(term, shapes, one) ** 2))) for one in ranges.visited)) < inf
     ]
     responses = [responses_at(linearized, location, trials) for location in group if location.component != EVERY_WIRE]
     if len(responses) < len(group):

@@ -61,7 +61,7 @@ def times(term: Term, other: Term) -> Term:
         term,
         name=f'{term.name}_{other.name}',
         value=f'{factor(term.value)} * {factor(other.value)}',
-        unit=product_unit(term.unit, other.unit),
+        unit=' '.join(unit for unit in (term.unit, other.unit) if unit != '-') or '-',
         variables=tuple(dict.fromkeys((*term.variables, *other.variables))),
         shapes=(*term.shapes, *other.shapes),
     )
@@ -75,11 +75,6 @@ def factor(text: str) -> str:
         if depth == 0 and text[k : k + 3] in (' + ', ' - ', ' if'):
             return f'({text})'
     return text
-
-
-def product_unit(*units: str) -> str:
-    """Units next to each other; '-' is none."""
-    return ' '.join(unit for unit in units if unit != '-') or '-'
 
 
 def per_unit(port: str, term: str) -> str:
