@@ -264,12 +264,12 @@ def stage_of(effects, held_out):
     ('held_out', 'together', 'rooms', 'odds', 'verdict', 'retracted'),
     [
         ((5.0, 2.0), 1.0, (), 0.0, 'missing_effect', False),  # better, and explained where it is fitted too
-        ((5.0, 8.0), 1.0, (), -1.0, 'unknown_effect', False),  # worse, and fitted to all runs no better
+        ((5.0, 8.0), 1.0, (), -10.0, 'unknown_effect', False),  # worse, and fitted to all runs no better
         ((5.0, 8.0), 1.0, (), 1.0, 'missing_effect', False),  # worse, as the fitted runs left open what all runs tell
         ((5.0, 8.0), 3.0, (), 1.0, 'unknown_effect', True),
         ((5.0, 1.2), 3.0, (), 0.0, 'missing_effect', False),
-        ((5.0, 8.0), 1.0, (3.0, 1.2), -1.0, 'missing_effect', False),  # worse in the room of the others only
-        ((5.0, 8.0), 1.0, (3.0, 4.0), -1.0, 'unknown_effect', False),
+        ((5.0, 8.0), 1.0, (3.0, 1.2), -10.0, 'missing_effect', False),  # worse in the room of the others only
+        ((5.0, 8.0), 1.0, (3.0, 4.0), -10.0, 'unknown_effect', False),
     ],
 )
 def test_an_effect_that_predicts_worse_is_not_found(monkeypatch, held_out, together, rooms, odds, verdict, retracted):

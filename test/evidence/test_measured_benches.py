@@ -59,7 +59,7 @@ def test_a_slider_lacks_the_same_whichever_run_is_held_out(held_out):
     tied = [best, *found.posterior.rivals(found.posterior.models, best)]
     assert any({'smooth_transformation', 'thermal_expansion'} <= model.names for model in tied)
     before, after = found.nominal.held_out, found.stages[-1].held_out
-    if held_out == 'step01':  # it starts from where ramp01 and step02 hardly tell; fitted too, one model explains all
-        assert found.verdict == 'missing_effect' and found.pooled_errors.explained()
-        after = found.pooled_errors.held_out
+    if held_out == 'step01':  # in a room that was 1 K colder, which nobody measured
+        before, *_, after = found.pooled_errors.in_own_rooms
+        assert found.verdict == 'missing_effect'
     assert 'thermal_expansion' in best.names and after < 0.75 * before

@@ -50,8 +50,7 @@ UNEXPLAINED = 1.3
 """Normalized RMSE above which something is missing that no accepted effect explains: parameters that few runs tell, and a
 noise that was estimated, can raise the error of a right model up to there."""
 ADEQUATE_PART = 0.05
-"""Of what strain spans in a quasi-static test: a model of one homogeneous wire predicts it to within that, since specimens
-have gradients of temperature and texture that no such model has."""
+"""Of what strain spans in a quasi-static test: specimens have gradients of temperature and texture that no model has."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +112,8 @@ def conclusion(
         earlier = fits[best]
         fewer = pooled_refit(known, earlier, stages[best].predicted, k, context)
         more = sum(one.log_prior for one in posterior.best.components if one.effect and one.effect not in earlier.effects)
-        is_worse = fewer is None or evidence_score(together[0], more, k, context) < evidence_score(fewer[0], 0.0, k, context)
+        without = inf if fewer is None else evidence_score(fewer[0], -more, k, context)
+        is_worse = without > evidence_score(together[0], 0.0, k, context) + TIE
     verdict = 'unknown_effect' if is_worse else verdict_of(stages[-1], pooled, posterior, data.limit)
     return Conclusion(verdict, last, tuple(stages), pooled)
 
@@ -424,8 +424,8 @@ def pooled_refit(
 ) -> tuple[FitResult, PooledErrors] | None:
     """A model fitted to the training and the held-out runs, from where it is and where they are `predicted` to start.
 
-    The most probable of several fits under an overdispersion k, of those that leave nothing if there are any. None where it
-    cannot be run, or was stopped.
+    The most probable of several fits under an overdispersion k, of those that leave nothing if there are any; where it ties,
+    ambient temperatures that nobody measured stay open. None where it cannot be run, or was stopped.
     """
     found = list[tuple[bool, float, FitResult, PooledErrors]]()
     for fit, log_prior in refits(data, last, predicted, context):
@@ -433,7 +433,8 @@ def pooled_refit(
             return None
         if fit is not None:
             errors = errors_of(fit, data.training, context)
-            found.append((errors.explained(data.limit), evidence_score(fit, log_prior, k, context), fit, errors))
+            score = evidence_score(fit, log_prior, k, context) + TIE * bool(errors.ambient)
+            found.append((errors.explained(data.limit), score, fit, errors))
         if log_prior and any(explained for explained, *_ in found):
             break
     return max(found, key=lambda one: one[:2])[2:] if found else None
@@ -451,9 +452,8 @@ def refits(
     both = pooled(data.training, data.held_out)
     problem = replace(problem_for(both, last.problem.config, data.options, 1), free=last.problem.free)
     context.on_progress('fitting the held-out runs too')
-    found = refit(problem, point_with(problem, last.z.tolist(), predicted), context, FROM_PRIORS)
+    found, rooms = refit(problem, point_with(problem, last.z.tolist(), predicted), context, FROM_PRIORS), None
     yield found, 0.0
-    rooms: FitResult | None = None
     if found is not None and all(run.ambient_std == 0.0 and run.starts for run in problem.runs):
         context.on_progress('fitting all runs, each with an ambient temperature of its own')
         rooms = refit(*with_difference(problem, found.z, AMBIENT), context, FROM_PRIORS)
