@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
-from sma_sim.evidence.diagnosis.conclusion import UNEXPLAINED, HeldOutVerdict, ModelStage, PooledErrors
+from sma_sim.evidence.diagnosis.conclusion import HeldOutVerdict, ModelStage, PooledErrors
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.estimation.plausibility import unrealistic
 from sma_sim.evidence.estimation.run_estimates import disagreement
 from sma_sim.evidence.estimation.uncertainty import AmbientDifference, Interval
+from sma_sim.evidence.search.criteria import NOISE_ONLY, UNEXPLAINED
 from sma_sim.evidence.search.refine import TIE
 from sma_sim.evidence.search.steps import CandidateFit
-from sma_sim.evidence.set_up.faults import NOISE_ONLY, is_uncertain
+from sma_sim.evidence.set_up.faults import is_uncertain
 from sma_sim.model.effects.scope import law_name
 from sma_sim.model.parameters import Parameter
 from sma_sim.model.shown import joined_words

@@ -10,8 +10,8 @@ from typing import Any
 from sma_sim.evidence.diagnosis.conclusion import ModelStage
 from sma_sim.evidence.diagnosis.diagnose import Diagnosis
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95
+from sma_sim.evidence.search.criteria import NOISE_ONLY
 from sma_sim.evidence.search.equations import FormulaFit, Proposal
-from sma_sim.evidence.set_up.faults import NOISE_ONLY
 from sma_sim.words.json_values import finite
 
 

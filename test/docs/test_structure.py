@@ -5,11 +5,11 @@ from itertools import zip_longest
 from pathlib import Path
 
 from sma_sim.compiler.compile import OUT_OF_LINE
-from sma_sim.evidence.model_selection import criteria
+from sma_sim.evidence.search import criteria
 
 PACKAGE = Path(__file__).resolve().parents[2] / 'sma_sim'
 MAX_ARGUMENTS, MAX_IN_SOLVER = 7, 8
-MAX_THRESHOLDS = 4  # beside the score
+MAX_THRESHOLDS = 3  # beside the score
 ROOMS = ('search', 'set_up', 'diagnosis', 'model_selection')  # of a diagnosis
 # Numbers of formulas, not of decisions: signs, halves, squares, per cent, the regularisation of a Cholesky factor.
 FORMULA_NUMBERS = {-1.0, 0.0, 0.5, 1.0, 2.0, 100.0, 1e-9}

@@ -38,6 +38,7 @@ from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS
 from sma_sim.evidence.estimation.uncertainty import AmbientDifference, known_ambient
 from sma_sim.evidence.search.beam import Book
 from sma_sim.evidence.search.components import difference_component
+from sma_sim.evidence.search.criteria import ADEQUATE_PART, UNEXPLAINED
 from sma_sim.evidence.search.equations import has_terms
 from sma_sim.evidence.search.posterior import EVEN, Posterior
 from sma_sim.evidence.search.refine import TIE
@@ -45,12 +46,6 @@ from sma_sim.evidence.search.score import evidence_at, evidence_of, unlisted_pro
 from sma_sim.model.arrays import Vector
 from sma_sim.model.config import Config
 from sma_sim.solver.simulate import SimulationError
-
-UNEXPLAINED = 1.3
-"""Normalized RMSE above which something is missing that no accepted effect explains: parameters that few runs tell, and a
-noise that was estimated, can raise the error of a right model up to there."""
-ADEQUATE_PART = 0.05
-"""Of what strain spans in a quasi-static test: specimens have gradients of temperature and texture that no model has."""
 
 
 @dataclass(frozen=True)

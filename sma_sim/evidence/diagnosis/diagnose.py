@@ -16,7 +16,6 @@ from sma_sim.evidence.data.readings import with_noise_of_readings
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.train_test_split import apart, hold_out_last, pooled
 from sma_sim.evidence.diagnosis.conclusion import (
-    UNEXPLAINED,
     HeldOutVerdict,
     ModelStage,
     PooledErrors,
@@ -36,6 +35,7 @@ from sma_sim.evidence.estimation.search_context import OnProgress, SearchContext
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest, nominal_fits, report_model
 from sma_sim.evidence.search.beam import search
 from sma_sim.evidence.search.confounding import Confounding, SimilarEffect, confoundings, most_similar
+from sma_sim.evidence.search.criteria import UNEXPLAINED
 from sma_sim.evidence.search.equations import Proposal, has_terms, proposal_of
 from sma_sim.evidence.search.posterior import Posterior, posterior_of
 from sma_sim.evidence.search.refine import on_run_subset, with_all_runs

@@ -44,10 +44,11 @@ from sma_sim.evidence.estimation.stop_criteria import NOMINAL_MODEL, WEAKLY_DAMP
 from sma_sim.evidence.model_selection.score_tests import ScoreTests
 from sma_sim.evidence.search import propose
 from sma_sim.evidence.search.components import catalogue_for
+from sma_sim.evidence.search.criteria import NOISE_ONLY
 from sma_sim.evidence.search.prior import SPARSITY, UNLISTED
 from sma_sim.evidence.search.refine import SKETCHED, WINDOW, Model, extended, model_of
 from sma_sim.evidence.search.score import unlisted_evidence
-from sma_sim.evidence.set_up.faults import NOISE_ONLY, Fault, corrected, faults_of, is_uncertain, log_share, unit_of
+from sma_sim.evidence.set_up.faults import Fault, corrected, faults_of, is_uncertain, log_share, unit_of
 from sma_sim.model.arrays import Mask, Vector
 from sma_sim.model.config import Config
 from sma_sim.solver.inputs import Input, inputs_at

@@ -19,13 +19,13 @@ from sma_sim.evidence.data.recording import CHANNEL_COLUMNS, Dataset, Recording
 from sma_sim.evidence.data.rounding import Rounding
 from sma_sim.evidence.data.train_test_split import apart, pooled
 from sma_sim.evidence.estimation.residuals import FitData
+from sma_sim.evidence.search.criteria import NOISE_ONLY
 from sma_sim.model.shown import joined_words
 from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.inputs import Input, inputs_at
 
 Run = TypeVar('Run', Recording, FitData)
 Kind = Literal['sign', 'swap', 'unit', 'exchanged_commands', 'copied_command', 'noise', 'outliers', 'motionless']
-NOISE_ONLY = 1.1  # normalized RMSE beyond which noise is not what is stated: it is known to some per cent only
 TIME = 'time'  # what the column of time is called
 SIGNED = ('m', 'rad', 'N', 'Pa', '')  # units of channels that a sensor may count the other way; '' is strain
 OTHER_UNITS = {
