@@ -37,7 +37,6 @@ from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.stop_criteria import FROM_PRIORS
 from sma_sim.evidence.estimation.uncertainty import AmbientDifference, known_ambient
 from sma_sim.evidence.search.beam import Book
-from sma_sim.evidence.search.components import difference_component
 from sma_sim.evidence.search.criteria import ADEQUATE_PART, UNEXPLAINED
 from sma_sim.evidence.search.equations import has_terms
 from sma_sim.evidence.search.posterior import EVEN, Posterior
@@ -419,27 +418,25 @@ def pooled_refit(
 ) -> tuple[FitResult, PooledErrors] | None:
     """A model fitted to the training and the held-out runs, from where it is and where they are `predicted` to start.
 
-    The most probable of several fits under an overdispersion k, of those that leave nothing if there are any; where it ties,
-    ambient temperatures that nobody measured stay open. None where it cannot be run, or was stopped.
+    The most probable of several fits under an overdispersion k, of those that leave nothing if there are any. That rooms
+    differ from day to day costs no prior: held-out runs are of another day. None where it cannot be run, or was stopped.
     """
     found = list[tuple[bool, float, FitResult, PooledErrors]]()
-    for fit, log_prior in refits(data, last, predicted, context):
+    for number, fit in enumerate(refits(data, last, predicted, context)):
         if context.stop.is_set():
             return None
         if fit is not None:
             errors = errors_of(fit, data.training, context)
-            score = evidence_score(fit, log_prior, k, context) + TIE * bool(errors.ambient)
-            found.append((errors.explained(data.limit), score, fit, errors))
-        if log_prior and any(explained for explained, *_ in found):
-            break
+            found.append((errors.explained(data.limit), evidence_score(fit, 0.0, k, context), fit, errors))
+        if number and any(explained for explained, *_ in found):
+            break  # from all starts only where nothing explains all runs
     return max(found, key=lambda one: one[:2])[2:] if found else None
 
 
 def refits(
     data: StageData, last: FitResult, predicted: Sequence[RunFit], context: SearchContext
-) -> Iterator[tuple[FitResult | None, float]]:
-    """Fits of the last model to all runs, one after the other as they are asked for, None for one that cannot be made, and
-    the log prior of what each adds.
+) -> Iterator[FitResult | None]:
+    """Fits of the last model to all runs, one after the other as they are asked for; None for one that cannot be made.
 
     From where it is and where the held-out runs are `predicted` to start; with an ambient temperature for each run, where
     these have none yet and their wires have a balance of heat; from all starts of a fit.
@@ -448,18 +445,18 @@ def refits(
     problem = replace(problem_for(both, last.problem.config, data.options, 1), free=last.problem.free)
     context.on_progress('fitting the held-out runs too')
     found, rooms = refit(problem, point_with(problem, last.z.tolist(), predicted), context, FROM_PRIORS), None
-    yield found, 0.0
+    yield found
     if found is not None and all(run.ambient_std == 0.0 and run.starts for run in problem.runs):
         context.on_progress('fitting all runs, each with an ambient temperature of its own')
         rooms = refit(*with_difference(problem, found.z, AMBIENT), context, FROM_PRIORS)
-    yield rooms, difference_component(AMBIENT, problem).log_prior
+    yield rooms
     context.on_progress('fitting all runs from the start')
     names = tuple(parameter.name for parameter in last.problem.free)
     try:
         start = PreparedFit(both, last.problem.config, curve_features(both), context.kinetics)
-        yield multistart_search(start, replace(data.options, free=names), context, FROM_PRIORS), 0.0
+        yield multistart_search(start, replace(data.options, free=names), context, FROM_PRIORS)
     except SimulationError:
-        yield None, 0.0
+        yield None
 
 
 def errors_of(fit: FitResult, training: Dataset, context: SearchContext) -> PooledErrors:

@@ -241,11 +241,9 @@ def unlisted_evidence(
         ]
         spectra = [(dct(measured(row), norm='ortho') ** 2, share, noise) for row, share, noise in rows if np.any(row)]
         if spectra:
-            periods = (
-                PERIODS if any(share for _, share, _ in spectra) else PERIODS[:1]
-            )  # all alike where no part of it lasts
+            lasts = any(share for _, share, _ in spectra)
             alone, beside = list[float](), list[float]()
-            for lasting in periods:
+            for lasting in PERIODS if lasts else PERIODS[:1]:  # all alike where no part of it lasts
                 found = [
                     [
                         (power, (1.0 - f) * own[one % len(own)] + f * spectrum_of(len(power), lasting))
