@@ -1,30 +1,31 @@
-"""Simulated benches with realistic nuisances: does a diagnosis invent effects, and does it find those that are there?
+"""Simulated benches with realistic nuisances: what a fit or a diagnosis of their recordings says, beside the truth.
 
-    python benchmarks/benches.py found.jsonl --kind slider --truth none --count 20 [--first 0]
-    python benchmarks/benches.py fits.jsonl --fit --kind slider --truth none --count 20
+    python benchmarks/benches.py [--only slider ...] [--truths none thermal_expansion ...] [--count 34] [--first 0]
+    python benchmarks/benches.py --diagnose --only slider --truths none
 
 Each bench is drawn by its number: parameters about those of examples/real, a scale of power, a delay, a zero and a room
 temperature for each recording, a resolution and noise; by kind a load cell that drifts, an infrared sensor that lags, grips
-with a toe, a measured resistance. A map declares what a person would declare. What was done is a line of the file, so that a
-run that was cut off goes on where it was. `--truth` is none, or effects joined by +, such as thermal_expansion+polycrystal.
-Reported are the verdicts, and how often effects were named that are not in the truth. With `--fit` the nominal model is
-fitted instead, and reported are the parts of its 95 % intervals that hold the truth, and of the samples of the recording
-that was held out that lie within 1.96 times what the fit leaves in their channel.
+with a toe, a measured resistance. A map declares what a person would declare. A truth is none, or effects joined by +, such
+as thermal_expansion+polycrystal. The nominal model is fitted, and the table has the parts of its 95 % intervals that hold
+the truth, and of the samples of the recording that was held out that lie within 1.96 times what the fit leaves in their
+channel; with --diagnose it has the verdicts, and how often effects were named that are not in the truth. Finished cases are
+kept in --file, so that a run can be continued.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Iterator
+from concurrent.futures import Executor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from cases import of
+from cases import add_options, drawn, of, solved
 from numpy.typing import NDArray
 
 from sma_sim import (
@@ -98,6 +99,7 @@ MAPS = {
 CHANNELS = ('position', 'T', 'stress', 'R')
 INDEPENDENT_AFTER = 1.0  # [s]
 Vector = NDArray[np.float64]
+Row = dict[str, Any]
 
 
 def bench(kind: str, effects: list[str]) -> Config:
@@ -199,7 +201,7 @@ def dataset_of(kind: str, files: list[Path], system: str) -> Dataset:
     return read_dataset(files, system, 298.0, path)
 
 
-def drawn(kind: str, effects: list[str], number: int) -> tuple[Config, Config, Dataset, Dataset]:
+def bench_of(kind: str, effects: list[str], number: int) -> tuple[Config, Config, Dataset, Dataset]:
     """One bench: the nominal one, what it is, and its recordings, of which the third is held out."""
     random = np.random.default_rng((number, *map(ord, kind)))
     nominal, real = bench(kind, []), truth(kind, effects, random)
@@ -211,11 +213,11 @@ def drawn(kind: str, effects: list[str], number: int) -> tuple[Config, Config, D
     return nominal, real, training, held_out
 
 
-def fitted(kind: str, effects: list[str], number: int) -> dict[str, Any]:
+def fitted(kind: str, effects: list[str], number: int, pool: Executor | None = None) -> Row:
     """One bench drawn and fitted: which intervals hold the truth, and how much of the held-out recording is predicted."""
-    nominal, real, training, held_out = drawn(kind, effects, number)
+    nominal, real, training, held_out = bench_of(kind, effects, number)
     start = time.process_time()
-    found = calibrate(training, nominal, FitOptions(kinetics='hybrid'))
+    found = calibrate(training, nominal, FitOptions(kinetics='hybrid'), executor=pool)
     seconds = time.process_time() - start
     assert found.uncertainty is not None
     true = dict(real.parameters)
@@ -232,9 +234,6 @@ def fitted(kind: str, effects: list[str], number: int) -> dict[str, Any]:
         for name, values in recording.channels.items()
     ]
     return {
-        'kind': kind,
-        'truth': effects,
-        'number': number,
         'fitted': found.error,
         'held_out': fit.error,
         'inside': {
@@ -247,16 +246,13 @@ def fitted(kind: str, effects: list[str], number: int) -> dict[str, Any]:
     }
 
 
-def diagnosed(kind: str, effects: list[str], number: int) -> dict[str, Any]:
+def diagnosed(kind: str, effects: list[str], number: int, pool: Executor | None = None) -> Row:
     """One bench drawn and diagnosed."""
     start = time.process_time()
-    nominal, _, training, held_out = drawn(kind, effects, number)
-    found = diagnose(training, nominal, held_out, DiagnosisRequest(kinetics='hybrid', equation=False))
+    nominal, _, training, held_out = bench_of(kind, effects, number)
+    found = diagnose(training, nominal, held_out, DiagnosisRequest(kinetics='hybrid', equation=False), executor=pool)
     last, first = found.stages[-1], found.nominal
     return {
-        'kind': kind,
-        'truth': effects,
-        'number': number,
         'verdict': found.verdict,
         'effects': list(found.effects),
         'nominal': [first.train, first.held_out],
@@ -265,36 +261,74 @@ def diagnosed(kind: str, effects: list[str], number: int) -> dict[str, Any]:
     }
 
 
+def solve(job: str, kind: str, truth: str, number: int, pool: Executor) -> Row:
+    """Fit or diagnose one bench."""
+    return (fitted if job == 'fit' else diagnosed)(kind, effects_of(truth), number, pool)
+
+
+def effects_of(truth: str) -> list[str]:
+    """The effects of a truth."""
+    return [] if truth == 'none' else truth.split('+')
+
+
+def line_of(row: Row) -> str:
+    """What one bench came to, as a row of a table."""
+    job, kind, truth, number = row['case']
+    if job == 'fit':
+        hits = row['inside'].values()
+        said = f'{sum(hits)} of {len(hits)} | {row["curve"]:.3f} | {row["fitted"]:.3g} | {row["held_out"]:.3g}'
+    else:
+        said = f'{row["verdict"]} | {", ".join(row["effects"])} | {row["last"][0]:.3g} | {row["last"][1]:.3g}'
+    return f'| {kind} | {truth} | {number} | {said} |'
+
+
+def table(results: list[Row]) -> Iterator[str]:
+    """Coverage, or verdicts, by kind and truth."""
+    known = [row for row in results if 'failed' not in row]
+    groups = sorted({tuple(row['case'][:3]) for row in known})
+    fits = [group for group in groups if group[0] == 'fit']
+    if fits:
+        right = [row for row in known if row['case'][0] == 'fit' and row['case'][2] == 'none']
+        inside = [hit for row in right for hit in row['inside'].values()]
+        yield f'95 % intervals where nothing is missing: {of(sum(inside), len(inside))}'
+        yield ''
+        yield '| bench | missing | benches | intervals that hold | curve within, mean | least | error, fitted | held out |'
+        yield '|---|---|---|---|---|---|---|---|'
+    for group in fits:
+        rows = [row for row in known if tuple(row['case'][:3]) == group]
+        inside = [hit for row in rows for hit in row['inside'].values()]
+        curve = [row['curve'] for row in rows]
+        yield (
+            f'| {group[1]} | {group[2]} | {len(rows)} | {of(sum(inside), len(inside))} | {np.mean(curve):.1%} '
+            f'| {min(curve):.1%} | {np.median([row["fitted"] for row in rows]):.3g} '
+            f'| {np.median([row["held_out"] for row in rows]):.3g} |'
+        )
+    if len(fits) < len(groups):
+        yield ''
+        yield '| bench | missing | benches | verdicts | with an effect that is not there | right |'
+        yield '|---|---|---|---|---|---|'
+    for group in groups[len(fits) :] if fits else groups:
+        rows = [row for row in known if tuple(row['case'][:3]) == group]
+        true = set(effects_of(group[2]))
+        invented = sum(bool(set(row['effects']) - true) for row in rows)
+        found = sum(set(row['effects']) == true for row in rows)
+        verdicts = ', '.join(f'{name} {count}' for name, count in Counter(row['verdict'] for row in rows).items())
+        yield f'| {group[1]} | {group[2]} | {len(rows)} | {verdicts} | {invented} | {found} |'
+
+
 def main() -> None:
-    """Diagnose what is not in the file yet, and count."""
+    """Run the cases that are not done, print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('file', type=Path)
-    parser.add_argument('--kind', choices=tuple(FREE), default='slider')
-    parser.add_argument('--truth', default='none')
-    parser.add_argument('--count', type=int, default=20)
+    parser.add_argument('--only', nargs='*', choices=tuple(FREE), default=tuple(FREE), metavar='KIND')
+    parser.add_argument('--truths', nargs='*', default=('none', *EFFECTS), metavar='EFFECTS')
+    parser.add_argument('--count', type=int, default=34)
     parser.add_argument('--first', type=int, default=0)
-    parser.add_argument('--fit', action='store_true', help='fit the nominal model in place of a diagnosis')
-    given = parser.parse_args()
-    effects = [] if given.truth == 'none' else given.truth.split('+')
-    lines = given.file.read_text().splitlines() if given.file.exists() else []
-    known = [row for row in map(json.loads, lines) if row['kind'] == given.kind and row['truth'] == effects]
-    made = fitted if given.fit else diagnosed
-    for number in range(given.first, given.first + given.count):
-        if number not in {row['number'] for row in known}:
-            known.append(made(given.kind, effects, number))
-            with given.file.open('a') as file:
-                file.write(json.dumps(known[-1]) + '\n')
-            print(json.dumps(known[-1]), flush=True)
-    if given.fit:
-        inside = [hit for row in known for hit in row['inside'].values()]
-        hold, curve = of(sum(inside), len(inside)), np.mean([row['curve'] for row in known])
-        print(f'{given.kind}, {given.truth}: {len(known)} benches, {hold} intervals hold the truth, curve {curve:.1%}')
-        return
-    invented = sum(bool(set(row['effects']) - set(effects)) for row in known)
-    print(
-        f'{given.kind}, {given.truth}: {len(known)} benches, verdicts {dict(Counter(row["verdict"] for row in known))}, '
-        f'{invented} with an effect that is not there, {sum(set(row["effects"]) == set(effects) for row in known)} right'
-    )
+    parser.add_argument('--diagnose', action='store_true', help='diagnose, in place of a fit of the nominal model')
+    add_options(parser, 'benches.jsonl', 60.0)
+    asked = parser.parse_args()
+    job, numbers = 'diagnosis' if asked.diagnose else 'fit', range(asked.first, asked.first + asked.count)
+    cases = [(job, kind, truth, number) for number in numbers for truth in asked.truths for kind in asked.only]
+    print(*table(solved(drawn(cases, asked.share), solve, asked, line_of)), sep='\n')
 
 
 if __name__ == '__main__':

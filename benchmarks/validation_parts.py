@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from benches import table as bench_rows
 from calibration import table as calibration_rows
 from cases import of
 from challenges import is_detectable, is_right
@@ -17,6 +18,8 @@ from invariance import table as invariance_rows
 from laplace import table as laplace_rows
 from latent import table as latent_table
 from live_diagnosis import table as live_table
+from measured import ratios as measured_ratios
+from measured import table as measured_rows
 from nitinol import rows as wire_rows
 from observer import table as observer_rows
 from other_forms import table as other_form_rows
@@ -510,6 +513,20 @@ PARTS = (
         whole=60,
     ),
     Part(
+        'benches',
+        'Confidence intervals of benches',
+        minutes=40,
+        command=cases('benches'),
+        text='A slider, a blocked wire and a tensile test with what real benches have: a scale of power, delays, zeros, '
+        'drifts, rooms, resolutions, a thermometer that lags, grips with a toe. The nominal model is fitted to three '
+        'recordings, where nothing is missing and where thermal expansion or the grains of a polycrystal are; another '
+        'recording is held out. `intervals that hold`: 95 % intervals that hold the truth. `curve within`: the '
+        'part of the samples of the recording held out within 1.96 times what the fit leaves in their channel.',
+        subject=FITS,
+        table=joined(bench_rows),
+        resumable=True,
+    ),
+    Part(
         'closed_loops',
         'Recordings of closed loops',
         minutes=8,
@@ -724,6 +741,26 @@ PARTS = (
         resumable=True,
         needs='measured/module',
         share=0.28,
+    ),
+    Part(
+        'measured',
+        "Other people's benches",
+        minutes=30,
+        command=cases('measured', '{shared}/measured'),
+        text='Recordings that others published: an actuator wire (Flexinol) and three levels of NiTiHf '
+        '(<https://github.com/maestrolab/calibrating>), NiTiHf and NiTiCo at constant stress (SMA-REACT, '
+        '`examples/real/isobaric`), a blocked element (<https://github.com/GuarnerosSIA/SMA_public>), a slider '
+        '(<https://github.com/NicholasBaraghini/Modeling-and-Simulation-of-Mechatronic-Systems>), two of a hundred cycles '
+        '(<https://github.com/matthewkuner/ASMADA>), the warming of a fabric (<https://github.com/dongsus41/SMA-control>), '
+        'a dead weight (<https://github.com/MK-Zuk/SMA-dataset>). Errors are normalized RMSE, of the nominal model and of '
+        'the last one; `probability` is that of what may be missing.',
+        subject=MEASURED,
+        headline=lambda r: (
+            f'where something is named, errors of recordings held out fall {span(measured_ratios(r), " times")}'
+        ),
+        table=joined(measured_rows),
+        resumable=True,
+        needs='measured/flexinol',
     ),
     Part(
         'wire',
