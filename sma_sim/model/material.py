@@ -42,6 +42,15 @@ def fraction_at_stress(eps: float, sigma: float, w: WireConstants) -> float:
     return w.E_M * (w.E_A * eps - sigma) / ((w.E_A - w.E_M) * sigma + w.E_A * w.E_M * w.eps_T)
 
 
+def fraction_missing(eps: float, sigma: float, x: float, w: WireConstants) -> float:
+    """By how much x_M is short of where stress(eps, x_M) = sigma, as if eps_T were all that it strains by [-].
+
+    Zero where fraction_at_stress(eps, sigma) = x_M, but without its pole at sigma = -eps_T/d, where a wire that is pushed is
+    as long in martensite as in austenite.
+    """
+    return (eps - sigma * compliance(x, w)) / w.eps_T - x
+
+
 def gamma(sigma: float, w: WireConstants) -> float:
     """Gamma(sigma) = d sigma^2/2 + eps_T sigma [J/m^3] (L2a)."""
     return (0.5 * w.d * sigma + w.eps_T) * sigma

@@ -26,7 +26,7 @@ from sma_sim.model.effects.ports import (
     call_effect,
 )
 from sma_sim.model.layout import O_DEPS, O_EPS, O_LENGTH, O_RATIO, O_S_A, O_S_M, O_SIGMA, O_STRAIN, O_X, System, SystemState
-from sma_sim.model.material import compliance, fraction_at_stress, sigma_A, sigma_M, stress
+from sma_sim.model.material import compliance, fraction_at_stress, fraction_missing, sigma_A, sigma_M, stress
 
 # One-sided difference steps for what effects add: small beside any feature, large beside rounding.
 X_STEP, EPS_STEP, T_STEP, MEMORY_STEP, TIME_STEP = 1e-7, 1e-7, 1e-4, 1e-7, 1e-6
@@ -151,22 +151,23 @@ def phase_and_stress(i: int, state: SystemState, p: System, obs: Vector) -> None
 def transforming_fraction(i: int, eps: float, T: float, state: SystemState, p: System) -> tuple[float, float, float, float]:
     """x_M in mode 4 or 5 with the strain and the shifts that effects add there.
 
-    In closed form where these do not depend on x_M. Else x_M solves x = g(x), g being the closed form with what
-    effects add at x: the secant method on g(x) - x, whose slope is close to -1, from the last x_M.
+    In closed form where these do not depend on x_M. Else by the secant method on the fraction that is missing, whose slope
+    is close to -1 where effects add little, from the last x_M.
     """
     w, y, mode, x = p.wire, state.y, state.mode[i], state.x_frozen[i]
     nominal = sigma_A(T, w) if mode == TO_MARTENSITE else sigma_M(T, w)
     strain, shift_A, shift_M = offsets(i, T, x, y, p)
-    gap = fraction_at_stress(eps - strain, nominal + (shift_A if mode == TO_MARTENSITE else shift_M), w) - x
+    target = nominal + (shift_A if mode == TO_MARTENSITE else shift_M)
     if not offsets_depend_on_x(p.effects):
-        return x + gap, strain, shift_A, shift_M
+        return fraction_at_stress(eps - strain, target, w), strain, shift_A, shift_M
+    gap = fraction_missing(eps - strain, target, x, w)
     change = min(max(gap, -LARGEST_CHANGE), LARGEST_CHANGE)
     for _ in range(SECANT_STEPS):
         if abs(change) < FRACTION_TOLERANCE:
             break
         new_strain, new_A, new_M = offsets(i, T, x + change, y, p)
         target = nominal + (new_A if mode == TO_MARTENSITE else new_M)
-        new_gap = fraction_at_stress(eps - new_strain, target, w) - (x + change)
+        new_gap = fraction_missing(eps - new_strain, target, x + change, w)
         slope = min((new_gap - gap) / change, SMALLEST_SLOPE)
         more = min(max(-new_gap / slope, -LARGEST_CHANGE), LARGEST_CHANGE)
         if abs(more * change) < FRACTION_TOLERANCE:  # straight on from the last two points

@@ -125,6 +125,21 @@ def test_a_cold_wire_under_a_dead_weight_starts_as_martensite(effect):
     assert run['strain'][-1] == pytest.approx(run['strain'][0], abs=1e-4)
 
 
+@pytest.mark.parametrize('x_M', [0.0, 0.5, 1.0])
+@pytest.mark.parametrize(('T', 'sigma'), [(300.0, 1e6), (300.0, 1e8), (310.0, 1e8)])
+def test_a_wide_gradual_hysteresis_starts_where_its_stress_is(T, sigma, x_M):
+    """Widths of gigapascals, as sparse steps are fitted by, put sigma_A beyond -eps_T/d."""
+    effect = 'smooth_transformation:width_A=1.76e9,width_M=2e9,start_A=3.7,end_A=14.6,start_M=14.1,end_M=20.4'
+    words = ('E_A=5.9e10', 'E_M=1.56e10', 'eps_T=0.033', 'sigma_T=7.15e6', 'sigma_MW0=3e8', 'dsigma=1.56e8', 'T0=445')
+    model = bench('stress', 'prescribed', f'initial.x_M_1={x_M}', *(f'wire.{word}' for word in words), effects=[effect])
+    source = Input([0.0, 10.0], [[sigma, T, 0.0, 298.0]] * 2, (True, True, False, False), model.structure.input_columns)
+    run = simulate(model, source, [0.0, 10.0])
+    assert run['stress_Pa'] == pytest.approx(sigma, rel=1e-6)
+    elastic = sigma * (run['x_M'] / 1.56e10 + (1.0 - run['x_M']) / 5.9e10)
+    assert run['strain'] == pytest.approx(elastic + 0.033 * run['x_M'], rel=1e-6)
+    assert np.all(run['x_M'] > 0.98)
+
+
 @pytest.mark.parametrize('m', [0.3, 0.9, 0.98])
 @pytest.mark.parametrize('mode', [4, 5])
 def test_the_fraction_is_found_where_it_hardly_strains_the_wire(m, mode):
