@@ -183,6 +183,11 @@ def check_columns(structure: Structure, source: Input) -> None:
             as_kelvin(f'input: {name}', float(values.max()))
 
 
+def command_column(source: Input) -> int:
+    """Where the electrical command is among the columns of an input."""
+    return len(source.linear) - 2
+
+
 def input_between(source: Input, first: float, last: float) -> Input:
     """The rows of an input from time `first` to `last` [s], which are times of rows."""
     rows = (source.times >= first) & (source.times <= last)

@@ -27,12 +27,16 @@ def test_a_thermometer_at_its_end_is_no_measurement():
     assert np.isnan(recording.channels['T']).sum() >= 10 and np.isfinite(recording.channels['strain']).all()
 
 
-def test_one_warm_up_by_7_K_determines_nothing():
-    folder = MEASURED / 'thermocouple_pwm'
+def test_one_warm_up_by_7_K_tells_of_heat_only_and_of_no_effect():
+    folder, config = MEASURED / 'thermocouple_pwm', read_config(words=['system=wire'])
     dataset = recorded('thermocouple_pwm', ['step.csv'], 'wire', folder / 'map.yaml')
-    found = calibrate(dataset, read_config(words=['system=wire']), FitOptions(kinetics='hybrid'))
+    found = calibrate(dataset, config, FitOptions(kinetics='hybrid'))
     assert found.uncertainty is not None
-    assert not [one.name for one in found.uncertainty.intervals if one.seen and one.high < 100.0 * one.low]
+    intervals = {one.name: one for one in found.uncertainty.intervals if one.seen}
+    assert intervals.keys() <= {'wire.c_V', 'wire.lambda'}
+    assert all(one.high > 1.5 * one.low for one in intervals.values())
+    diagnosis = diagnose(dataset, config, None, DiagnosisRequest(kinetics='hybrid', equation=False))
+    assert diagnosis.verdict == 'unknown_effect' and max(diagnosis.posterior.effects.values()) < 0.9
 
 
 def test_a_blocked_element_is_explained_to_its_floor():

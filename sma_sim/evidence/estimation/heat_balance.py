@@ -10,11 +10,10 @@ from __future__ import annotations
 import numpy as np
 
 from sma_sim.evidence.data.recording import Dataset, Recording
-from sma_sim.evidence.estimation.residuals import command_column
 from sma_sim.model.arrays import Matrix, Vector
 from sma_sim.model.config import Config
 from sma_sim.model.parameters import wire_constants
-from sma_sim.solver.inputs import Input
+from sma_sim.solver.inputs import Input, command_column
 
 TEMPERATURE = 'T'  # the channel of a single wire's thermometer
 MIN_SAMPLES = 5  # of a recording: two coefficients and its own zero, and some that scatter

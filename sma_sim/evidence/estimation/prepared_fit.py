@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from sma_sim.evidence.data.recording import Dataset
 from sma_sim.evidence.data.recordings import same_options
 from sma_sim.evidence.estimation.curve_features import CurveFeatures, curve_features, starting_values
+from sma_sim.evidence.estimation.free_parameters import free_in_dataset
+from sma_sim.evidence.estimation.heat_balance import shown_by_warming
 from sma_sim.model.config import AUTO, MODELS, Config
 from sma_sim.model.effects.discovery import ActiveEffect, effects_on, find_effects
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.meaning import acts_on
-from sma_sim.model.errors import UserError
+from sma_sim.model.errors import PhysicsWarning, UserError
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.structures.discovery import known_structures
 from sma_sim.solver.end_of_run import warn_of_idle_effects
@@ -50,6 +53,8 @@ def prepare(dataset: Dataset, config: Config, kinetics: str | None = None, free:
     if free != ():
         config = with_nuisance_effects(config, dataset)
         config = started_from(curves, config, free is None)
+    if free is None:
+        config = started_from_warming(dataset, config)
     tried = kinetics_to_try(kinetics, config)
     return PreparedFit(dataset, config.with_covariance(None).variant(kinetics=tried[0]), curves, tried)
 
@@ -150,10 +155,33 @@ def started_from(curves: CurveFeatures, config: Config, is_fitted: bool = True) 
     """
     if not (curves if is_fitted else curves.isobaric):
         return config
-    defaults: Mapping[str, float] = config.structure.default_values
-    own = {
+    return config.variant(of_defaults(starting_values(curves), config))
+
+
+def started_from_warming(dataset: Dataset, config: Config) -> Config:
+    """A configuration with the heat capacity and the heat transfer that the warming of single wires shows, where a fit that
+    starts from a default could not come there: such a wire is not alone, as one that is woven into a fabric. Warns of it."""
+    free = {one.name: one for one in free_in_dataset(config, dataset, None)}
+    shown = of_defaults(shown_by_warming(dataset, config), config)
+    beyond = {
         name: value
-        for name, value in starting_values(curves).items()
+        for name, value in shown.items()
+        if name in free and not free[name].low <= free[name].coordinate(value) <= free[name].high
+    }
+    for name, value in beyond.items():
+        words = (
+            f'{name}: the warming of the wire shows {value:.3g} {free[name].unit}, from which the fit starts; its default '
+        )
+        words += f'{config.parameters[name]:g} is out of reach: check the power, wire.n, wire.r0 and wire.l0, and what the '
+        warnings.warn(words + 'wire warms beside itself', PhysicsWarning, stacklevel=4)
+    return config.variant(beyond)
+
+
+def of_defaults(shown: Mapping[str, float], config: Config) -> dict[str, float]:
+    """Those of the values that are shown whose parameters have their defaults, and no prior."""
+    defaults: Mapping[str, float] = config.structure.default_values
+    return {
+        name: value
+        for name, value in shown.items()
         if config.parameters[name] == defaults[name] and name not in config.priors
     }
-    return config.variant(own)

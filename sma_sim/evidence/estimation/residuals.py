@@ -27,7 +27,7 @@ from sma_sim.model.structures.structure import Structure
 from sma_sim.solver.beginning import AT_REST, Beginning
 from sma_sim.solver.clock import seen_at
 from sma_sim.solver.effect_table import channel_scales, sizes_of_states
-from sma_sim.solver.inputs import Input, inputs_at
+from sma_sim.solver.inputs import Input, command_column, inputs_at
 from sma_sim.solver.integrate import Run
 from sma_sim.solver.model import Model
 from sma_sim.solver.simulate import (
@@ -381,11 +381,6 @@ def powered_rows(command: Vector) -> Mask:
     """Which rows of a command (k,) begin another power than none."""
     begins: Mask = np.append(True, np.diff(command) != 0.0) & (command != 0.0)
     return begins
-
-
-def command_column(source: Input) -> int:
-    """Where the electrical command is among the columns of an input."""
-    return len(source.linear) - 2
 
 
 def with_switches(run: FitData, switches: Sequence[float]) -> Input:

@@ -15,7 +15,6 @@ from sma_sim.evidence.estimation.executors import PickledConfig, executor_or_thr
 from sma_sim.evidence.estimation.free_parameters import declared_parameters
 from sma_sim.evidence.estimation.motion_before import begin_in_motion
 from sma_sim.evidence.estimation.prepared_fit import kinetics_to_try
-from sma_sim.evidence.estimation.residuals import command_column
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.experiment_design.forecast import (
     ModelPoint,
@@ -71,6 +70,7 @@ from sma_sim.model.effects.scope import SEPARATOR
 from sma_sim.model.errors import UserError
 from sma_sim.model.progress import progress_in_words
 from sma_sim.model.structures.structure import Structure
+from sma_sim.solver.inputs import command_column
 
 # A combination of parameters is weakly known if its standard deviation exceeds this fraction of its prior's: at a tenth, the
 # recordings say a hundred times what the prior says. At least so many are considered, since a design for one alone may tell
