@@ -21,7 +21,8 @@ DIFFERENT = 0.1  # relative difference of a parameter that is shown of another m
 
 def remarks_on(found: Calibration) -> list[str]:
     """All of them, what weakens the numbers first."""
-    remarks = [sentence] if (sentence := misfit_sentence(found.error)) else []
+    remarks = [sentence] if (sentence := unfollowed_sentence(found)) else []
+    remarks += [sentence] if (sentence := misfit_sentence(found.error)) else []
     if found.rtol > FINAL_RTOL and found.free:
         begin = f'With these parameters runs cannot be made at the tolerance of a last fit, {FINAL_RTOL:g}'
         remarks.append(f'{begin}: errors and intervals are those of {found.rtol:g}')
@@ -45,6 +46,20 @@ def remarks_on(found: Calibration) -> list[str]:
     if not all(fit.quasi_static for fit in found.runs):
         remarks.append(delay_sentence(found))
     return remarks
+
+
+def unfollowed_sentence(found: Calibration) -> str:
+    """Which channels the model hardly follows, and what to do; empty where it follows all or leaves no more than noise."""
+    if found.error <= MISFIT or not found.unfollowed:
+        return ''
+    errors = (
+        f'{name} {found.channel_errors[name]:.3g} times the noise (a constant: {found.errors_of_constants[name]:.3g})'
+        for name in found.unfollowed
+    )
+    return (
+        f'The model hardly follows what was measured, {", ".join(errors)}. Its values may be those of another robot: give '
+        'lengths, radii, springs and transformation stresses with --config or --set'
+    )
 
 
 def misfit_sentence(error: float) -> str:
@@ -91,6 +106,8 @@ def delay_sentence(found: Calibration) -> str:
     std = found.uncertainty.delay_std if found.uncertainty else float('nan')
     words = f'delay of the measurement: {1e3 * delay:.3g} ms'
     words += '' if isnan(std) else f' ({1e3 * (delay - GAUSS_95 * std):.3g} to {1e3 * (delay + GAUSS_95 * std):.3g})'
+    if 'delay' in found.at_bound:
+        return words
     if abs(delay) <= 0.5 * interval:
         return f'{words}, within half a sampling interval ({1e3 * interval:.3g} ms): no finding'
     return f'{words}: the interval holds 0, no finding' if abs(delay) <= GAUSS_95 * std else words

@@ -13,7 +13,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain
-from math import inf, nan
+from math import inf, isfinite, nan
 from threading import Event
 from typing import Any
 
@@ -45,6 +45,7 @@ from sma_sim.evidence.estimation.problem import (
     LinearizedRun,
     Problem,
     cost_at,
+    costs_at,
     feasible,
     near_point,
     start_point,
@@ -191,6 +192,8 @@ class Calibration(Shown, Saved):
         The shortest of the recordings [s].
     rtol : float
         Relative tolerance of the runs behind errors and intervals.
+    errors_of_constants : mapping
+        Normalized RMSE by channel that constants would leave, one for each recording.
     seconds : float
         Time that the fit took.
     """
@@ -217,6 +220,13 @@ class Calibration(Shown, Saved):
     limits: tuple[LimitReached, ...] = ()
     sampling_interval: float = 0.0
     rtol: float = FINAL_RTOL
+    errors_of_constants: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def unfollowed(self) -> tuple[str, ...]:
+        """Channels of which the model leaves more than half of the variance: it hardly follows them."""
+        known = self.errors_of_constants.items()
+        return tuple(name for name, error in known if self.channel_errors[name] > UNFOLLOWED * error)
 
     @property
     def intervals(self) -> Mapping[str, Interval]:
@@ -475,6 +485,8 @@ def best_of_starts(
     if len(fits) > 1 and any(run.is_in_motion for run in subset.runs):
         first = min(fits, key=lambda fit: fit.cost)
         fits += fitted(from_either_end(subset, first.z), len(fits))
+    if len(fits) > 1 and min(fit.error for fit in fits) > UNFOLLOWED * mean_error(errors_of_constants(subset)):
+        fits += fitted(from_all_over_the_priors(subset, options.seed, context.pool), len(fits))
     least = min(fit.cost for fit in fits)
     best = next(fit for fit in fits if fit.cost < least + SAME_OPTIMUM)
     k = overdispersion(subset, best.z, context.pool) if len(fits) > 1 else nan
@@ -610,6 +622,7 @@ def calibration_of(fit: FitResult, context: SearchContext) -> Calibration:
         seconds=0.0,
         limits=reached,
         rtol=fit.problem.config.parameters['solver.rtol'],
+        errors_of_constants=errors_of_constants(fit.problem),
         sampling_interval=min(float(np.median(np.diff(run.time))) if len(run.time) > 1 else inf for run in fit.problem.runs),
     )
 
@@ -627,10 +640,25 @@ def errors_by_channel(problem: Problem, fits: Sequence[RunFit]) -> dict[str, flo
     return {name: float(np.sqrt(squares[name] / counts[name])) for name in counts}
 
 
+def errors_of_constants(problem: Problem) -> dict[str, float]:
+    """Normalized RMSE by channel that constants would leave, one for each run."""
+    squares: dict[str, float] = {}
+    counts: dict[str, int] = {}
+    for run in problem.runs:
+        for name, measured, weight in zip(run.channels, run.measured, run.weight, strict=True):
+            known = measured[weight > 0.0] * weight[weight > 0.0]
+            if len(known):
+                counts[name] = counts.get(name, 0) + len(known)
+                squares[name] = squares.get(name, 0.0) + len(known) * float(known.var())
+    return {name: float(np.sqrt(squares[name] / counts[name])) for name in counts}
+
+
 # Where the minimisations of a fit start, and by which weights of the data they come to the whole of them.
 SPREAD = 0.25  # of further starts, in standard deviations of the priors
 TRIES = 20  # for a further start at which every run can be made
 START_END = 0.9  # of the way to an end of the hysteresis
+UNFOLLOWED = 0.7  # of the error that constants leave: half of the variance
+DRAWS, DRAWN_STDS, MORE_STARTS = 64, (1.0, 2.0), 4  # points of each width [standard deviations], from which fits go on
 # Weights of the residuals with which data take over from priors. At first these hold what would hide a wrong valley of a
 # single wire, a force's zero and drift and where its runs begin, so that its parameters go where the data lead them.
 GRADUALLY = (0.001, 0.01, 0.1, 1.0)
@@ -701,6 +729,16 @@ def from_either_end(problem: Problem, z: Vector) -> list[StartingPoint]:
     """
     begins = [unknown is START for unknown in problem.unknowns]
     return [StartingPoint(np.where(begins, START_END * end, z)) for end in (START.low, START.high)]
+
+
+def from_all_over_the_priors(problem: Problem, seed: int, pool: Executor) -> list[StartingPoint]:
+    """The least wrong of many random points: where the values that are given make a robot that hardly moves, no derivative
+    tells of what would move it."""
+    (low, high), random = problem.limits(), np.random.default_rng(seed)
+    points = [np.clip(std * random.normal(size=len(low)), low, high) for std in DRAWN_STDS for _ in range(DRAWS)]
+    costs = costs_at(problem, points, pool)
+    least = sorted((k for k, cost in enumerate(costs) if isfinite(cost)), key=lambda k: costs[k])
+    return [StartingPoint(points[k]) for k in least[:MORE_STARTS]]
 
 
 def minimized_from(
