@@ -23,6 +23,7 @@ from sma_sim.model.structures.discovery import known_structures
 from sma_sim.model.structures.module import STRUCTURE as MODULE
 
 NOTHING, UNLISTED = 'nothing missing', 'something that is not listed'
+NO_EFFECT = 'no effect of the list'  # in place of NOTHING, where something is missing all the same
 OTHER = 'another listed effect, which these data would hardly show'
 CERTAIN, MIN_PERCENT = 0.999, 0.01  # above it no digits, below it a ratio
 LEAST = 1e-9  # a ratio below is not told: no model is known so well
@@ -62,14 +63,14 @@ def effect_words(name: str, system: str = MODULE.name) -> str:
     return phrase + words + (f', as another function of {words_of(field)}' if field else '')
 
 
-def model_words(model: Mapping[str, Any], system: str) -> str:
-    """What a model of a structure adds to the nominal one, and in what its recordings differ."""
+def model_words(model: Mapping[str, Any], system: str, alone: str = NOTHING) -> str:
+    """What a model of a structure adds to the nominal one, `alone` where nothing, and in what recordings differ."""
     parts = [
         *(effect_words(name, system) for name in model['effects']),
         *([f'the equation {model["formula"]}'] if model['formula'] else []),
     ]
     differences = [f'recordings that differ in {name}' for name in model.get('differences') or ()]
-    return ' + '.join([*(parts or [NOTHING]), *differences])
+    return ' + '.join([*(parts or [alone]), *differences])
 
 
 def system_of(found: Mapping[str, Any]) -> str:
@@ -79,10 +80,18 @@ def system_of(found: Mapping[str, Any]) -> str:
 
 def model_rows(found: Mapping[str, Any]) -> list[ProbabilityRow]:
     """The models of a diagnosis, the most probable first; none where it says nothing of them."""
+    system, alone = system_of(found), NO_EFFECT if lacks_unlisted(found) else NOTHING
     return [
-        ProbabilityRow(model_words(model, system_of(found)), probability_words(model['probability']), model['error'])
+        ProbabilityRow(model_words(model, system, alone), probability_words(model['probability']), model['error'])
         for model in found.get('models') or ()
     ]
+
+
+def lacks_unlisted(found: Mapping[str, Any]) -> bool:
+    """Whether something that is not listed is probably missing, beside the models that were tried."""
+    models = found.get('models') or ()
+    left = (found.get('probabilities') or {}).get('unlisted', 0.0)
+    return bool(left > EVEN and models and not models[0]['formula'])
 
 
 def finding_rows(found: Mapping[str, Any]) -> list[ProbabilityRow]:
@@ -111,10 +120,10 @@ def probability_lines(found: Mapping[str, Any]) -> list[str]:
     *others, last = [row.words for row, model in zip(rows, models, strict=True) if model['probability'] > least]
     if others:
         lines.append(f'These data do not decide between {"; ".join(others)} and {last}.')
-    left = (found.get('probabilities') or {}).get('unlisted', 0.0)
-    if left > EVEN and not models[0]['formula']:
+    if lacks_unlisted(found):
+        left = probability_words(found['probabilities']['unlisted'])
         lines.append(
-            f'Beside these, {UNLISTED} is left: {probability_words(left)}. The normalized RMSE of the best model is '
+            f'Beside these, {UNLISTED} is left: {left}. The normalized RMSE of the best model is '
             f'{models[0]["error"]:.3g}; the other probabilities are among the models that were tried.'
         )
     return lines
