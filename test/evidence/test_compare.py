@@ -369,6 +369,13 @@ def test_notes_are_said_once(dataset):
     assert found == ['run1, run2, run3: a cut line', 'run1: a gap', 'n']
     many = tuple(replace(others[0], name=f'r{k}') for k in range(9))
     assert grouped_notes([replace(dataset, recordings=many, notes=())]) == ['r0, r1, r2 and 6 more: a cut line']
+    counted = tuple(replace(first, name=f'r{k}', notes=(f'{k + 7} cut lines', 'two sessions')) for k in range(9))
+    assert grouped_notes([replace(dataset, recordings=counted, notes=())]) == [
+        'r0, r1, r2 and 6 more: 7 cut lines (so in r0; other numbers in others)',
+        'r0, r1, r2 and 6 more: two sessions',
+    ]
+    apart = replace(first, name='r', notes=('T_1: 2 rows', 'T_2: 2 rows', 'row 3 is cut', 'row 9 is cut'))
+    assert grouped_notes([replace(dataset, recordings=(apart,), notes=())]) == [f'r: {note}' for note in apart.notes]
 
 
 def test_hold_out_by_name_file_folder_and_session(dataset, folder, tmp_path):
