@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sma_sim import FitOptions, Input, Model, UserError, calibrate, read_config, read_dataset, simulate
+from sma_sim import FitOptions, Input, Model, PhysicsWarning, UserError, calibrate, read_config, read_dataset, simulate
 from sma_sim.cli.main import main
 from sma_sim.evidence.data.tables import read_columns, write_columns
 from sma_sim.evidence.estimation.calibrate import problem_for
@@ -213,6 +213,16 @@ def test_grips_come_back(tmp_path):
     assert found.values['wire.E_A'] == pytest.approx(4e10, rel=0.02)
     blind = calibrate(dataset_of([path], '', 'wire_at_T', noise), read_config(words=ISOTHERM), options)
     assert blind.error > 5.0
+
+
+def test_a_nuisance_that_acts_on_nothing_measured_is_said(tmp_path):
+    """A lag of the thermometer that imposes the temperature: that is taken as it is."""
+    path, t = tmp_path / 'pull.csv', np.linspace(0.0, 50.0, 101)
+    columns = {'strain': 1e-4 * t, 'T_K': 300.0 + t, 'stress_Pa': 1e6 * t}
+    write_columns(path, {'time_s': t} | columns)
+    dataset = dataset_of([path], 'nuisances: {thermometer_lag: {tau: 0.5}}', 'wire_at_T', {'stress': 1e5})
+    with pytest.warns(PhysicsWarning, match='thermometer_lag acts on nothing that these recordings measure'):
+        calibrate(dataset, read_config(words=ISOTHERM), FitOptions(('wire.E_A',), 'hybrid', starts=1, intervals=False))
 
 
 def test_they_are_told_apart(tmp_path):

@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from sma_sim.evidence.data.recording import Dataset
+from sma_sim.evidence.data.recording import Dataset, Recording
 from sma_sim.evidence.data.recordings import same_options
 from sma_sim.evidence.estimation.curve_features import CurveFeatures, curve_features, starting_values
 from sma_sim.evidence.estimation.free_parameters import free_in_dataset
@@ -14,7 +14,7 @@ from sma_sim.evidence.estimation.heat_balance import shown_by_warming
 from sma_sim.model.config import AUTO, MODELS, Config
 from sma_sim.model.effects.discovery import ActiveEffect, effects_on, find_effects
 from sma_sim.model.effects.effect import Effect
-from sma_sim.model.effects.meaning import acts_on
+from sma_sim.model.effects.meaning import acts_on, channel_slots
 from sma_sim.model.errors import PhysicsWarning, UserError
 from sma_sim.model.nearest import suggestion
 from sma_sim.model.structures.discovery import known_structures
@@ -84,7 +84,8 @@ def check_data(dataset: Dataset, config: Config) -> None:
 def with_nuisance_effects(config: Config, dataset: Dataset) -> Config:
     """The configuration with the effects that the dataset's map declares, at their neutral values; active ones stay.
 
-    Raises UserError for an effect, a scope or a parameter that there is not.
+    Warns of those that act on nothing which these recordings measure. Raises UserError for an effect, a scope or a parameter
+    that there is not.
     """
     if not dataset.nuisances:
         return config
@@ -98,10 +99,21 @@ def with_nuisance_effects(config: Config, dataset: Dataset) -> Config:
             hint = suggestion(name, expected) or f'; expected some of {", ".join(expected)}'
             raise UserError(f'nuisances of the map: {name} is no effect on a {structure.title}{hint}')
         check_parameters(name, found, stds)
+        if not any(acts_on_measured(found, recording) for recording in dataset.recordings):
+            words = f'nuisances of the map: {name} acts on nothing that these recordings measure'
+            warnings.warn(f'{words}; what is imposed is taken as it is', PhysicsWarning, stacklevel=4)
         if name not in active and acts_on(found, structure):  # a map may serve a part of its campaign
             values = (p.default if p.neutral is None else p.neutral for p in found.parameters)
             more.append(ActiveEffect(found, tuple(values)))
     return replace(config, effects=(*config.effects, *more))
+
+
+def acts_on_measured(effect: Effect, recording: Recording) -> bool:
+    """Whether an effect has a meaning on the bench of a recording, one of sensors on a channel that was measured."""
+    structure = recording.structure
+    slots = dict(zip(structure.channels, channel_slots(effect, structure), strict=True))
+    is_of_channels = any(slot >= 0 for slot in slots.values())
+    return acts_on(effect, structure) and (not is_of_channels or any(slots[name] >= 0 for name in recording.channels))
 
 
 def check_parameters(name: str, effect: Effect, given: Iterable[str]) -> None:
