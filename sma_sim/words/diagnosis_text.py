@@ -18,7 +18,13 @@ from sma_sim.model.effects.scope import law_name
 from sma_sim.model.parameters import Parameter
 from sma_sim.model.shown import joined_words
 from sma_sim.words.diagnosis_data import above_first, amounts, models, probabilities, wires_at_beginning
-from sma_sim.words.fit_remarks import agreement_sentence, implausible_sentence, misfit_sentence, other_minima
+from sma_sim.words.fit_remarks import (
+    agreement_sentence,
+    implausible_sentence,
+    misfit_sentence,
+    other_minima,
+    unfollowed_sentence,
+)
 from sma_sim.words.nuisances import ambient_sentence, beginning_words, nuisance_sentences
 from sma_sim.words.probabilities import probability_lines
 from sma_sim.words.proposed_equation import describes, error_number, proposed_text
@@ -65,6 +71,7 @@ LESS_PROBABLE = '; they speak no less for {names}, less probable only by its pri
 TOGETHER = 'With the held-out runs fitted too: {verdict} Normalized RMSE {first:.2f} without, {last:.2f} with.'
 SAME_VERDICT = 'The verdict is the same whichever of the {count} runs is held out.'
 OTHER_VERDICT = 'The verdict depends on the run that is held out ({count} of {all} runs change it): {others}.'
+MAKES_UP = '. What was found may only make up for them'
 ONE_RUN = (
     'Only one run was fitted: no effect could be tested by predicting a run that was left out, which favours every effect.'
 )
@@ -81,6 +88,7 @@ def as_text(diagnosis: Diagnosis) -> Iterator[str]:
                 'system': diagnosis.calibration.config.system,
                 'models': models(diagnosis.posterior),
                 'probabilities': probabilities(diagnosis.posterior),
+                'retracted': diagnosis.retracted,
             }
         )
     yield f'{"normalized RMSE (1: as good as the sensors)":<44} fitted  held out'
@@ -170,6 +178,8 @@ def removed_percent(before: float, after: float) -> float:
 
 def remarks(diagnosis: Diagnosis) -> Iterator[str]:
     """What to know beside the verdict and the errors: what explains as well, how firm it is, values, what is left."""
+    if sentence := unfollowed_sentence(diagnosis.nominal.calibration):
+        yield f'Without effects: {sentence}{MAKES_UP if diagnosis.findings else ""}.'
     yield from rival_lines(diagnosis)
     yield from firmness_lines(diagnosis)
     for candidate in accepted_fits(diagnosis):

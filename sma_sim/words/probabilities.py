@@ -2,8 +2,8 @@
 
 All of it is read from the data of a diagnosis (`sma_sim.words.diagnosis_data.as_data`): its ``system``; ``probabilities``,
 of nothing missing (``none``), of something that is not listed (``unlisted``), of each of the ``effects`` by name and of
-``other`` ones; and ``models``, the most probable first, with their ``effects``, a ``formula`` or none, ``differences``
-between recordings, ``probability`` and ``error`` over noise.
+``other`` ones; ``models``, the most probable first, with their ``effects``, a ``formula`` or none, ``differences``
+between recordings, ``probability`` and ``error`` over noise; and which effects were ``retracted``.
 """
 
 from __future__ import annotations
@@ -115,7 +115,8 @@ def probability_lines(found: Mapping[str, Any]) -> list[str]:
     if not rows:
         return []
     second = f' Second: {rows[1].words}, {rows[1].probability}.' if len(rows) > 1 else ''
-    lines = [f'Most probable: {rows[0].words}, {rows[0].probability}.{second}']
+    first = 'By the fitted recordings alone, which do not tell those held out' if found.get('retracted') else 'Most probable'
+    lines = [f'{first}: {rows[0].words}, {rows[0].probability}.{second}']
     least = math.exp(-TIE) * models[0]['probability']
     *others, last = [row.words for row, model in zip(rows, models, strict=True) if model['probability'] > least]
     if others:

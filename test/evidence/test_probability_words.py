@@ -120,6 +120,8 @@ def test_sentences_name_the_best_the_second_and_ties():
     assert probability_lines(wire)[1].startswith('Beside these, something that is not listed is left: more than 99.9 %. The')
     nothing = {'models': [{'effects': [], 'formula': None, 'probability': 0.97, 'error': 1.0}]}
     assert probability_lines(nothing) == ['Most probable: nothing missing, 97 %.'] and finding_rows(nothing) == []
+    words = probability_lines({**CLEAR, 'retracted': ['gravity']})[0]
+    assert words.startswith('By the fitted recordings alone, which do not tell those held out: gravity, more than')
     unlisted = {**nothing, 'probabilities': wire['probabilities']}
     assert probability_lines(unlisted)[0] == 'Most probable: no effect of the list, 97 %.'
 

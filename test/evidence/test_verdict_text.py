@@ -274,6 +274,23 @@ def test_every_effect_of_the_library_completes_the_sentence():
     assert replace(EFFECTS['driver_lag'], title='').phrase == 'driver lag'
 
 
+def test_an_effect_beside_a_model_that_follows_nothing_may_make_up_for_its_values():
+    still = SimpleNamespace(
+        **vars(CALIBRATION)
+        | {
+            'error': 90.0,
+            'unfollowed': ('alpha',),
+            'channel_errors': {'alpha': 90.0},
+            'errors_of_constants': {'alpha': 91.0},
+        }
+    )
+    found = diagnosis('missing_effect', candidate('gravity'), errors=(90.0, 1.0))
+    assert not any('hardly follows' in line for line in remarks(found))
+    found.stages[0].calibration = still
+    (line,) = [line for line in remarks(found) if line.startswith('Without effects: The model hardly follows')]
+    assert 'alpha 90 times the noise (a constant: 91)' in line and line.endswith('What was found may only make up for them.')
+
+
 def test_a_share_that_an_effect_does_not_explain_is_not_said():
     worse = diagnosis('missing_effect', candidate('gravity'), errors=(2.0, 3.0))
     bare, last = worse.stages

@@ -381,7 +381,7 @@ def search_effects(
         search_ended=ended,
         proposal=proposed,
         pooled_errors=end.pooled_errors,
-        retracted=tuple(name for name in path[-1].effects if name not in end.last.effects),
+        retracted=tuple(name for name in path[-1].effects if name in posterior.effects and name not in end.last.effects),
         similar=similar,
         implausible=implausible,
         differences=data.differences(end.last, context),
