@@ -21,6 +21,7 @@ import numpy as np
 
 from sma_sim.evidence.data.quasi_static import first_cycles
 from sma_sim.evidence.data.recording import Dataset
+from sma_sim.evidence.estimation.beginnings import with_better_beginnings
 from sma_sim.evidence.estimation.curve_features import shown_by_curves
 from sma_sim.evidence.estimation.executors import executor_or_threads, run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
@@ -489,11 +490,14 @@ def best_of_starts(
         fits += fitted(from_all_over_the_priors(subset, options.seed, context.pool), len(fits))
     least = min(fit.cost for fit in fits)
     best = next(fit for fit in fits if fit.cost < least + SAME_OPTIMUM)
+    begins = best
+    if len(fits) > 1:
+        best = with_better_beginnings(best, context, f'{kinetics}, other beginnings')
     k = overdispersion(subset, best.z, context.pool) if len(fits) > 1 else nan
     others = tuple(
         OtherStart(more, thinned.values(fit.z), abs(more) < SAME_OPTIMUM, more / k**2)
         for fit in fits
-        if fit is not best
+        if fit is not begins
         for more in [fit.cost - best.cost]
     )
     if len(subset.runs) < len(thinned.runs):
