@@ -1,6 +1,6 @@
 """How often 95 % intervals hold the truth, and the error on a run that was not fitted; parameters 5 to 15 % off.
 
-    python benchmarks/intervals.py [--seeds 60] [--runs 3] [--hybrid 0] [--missing 0] [--rate 50] [--begin 0]
+    python benchmarks/intervals.py [--seeds 60] [--first 0] [--runs 3] [--hybrid 0] [--missing 0] [--rate 50] [--begin 0]
                                    [--json FILE]
 
 Every seed: other parameters, commands and noise (2 um, 10 um, 0.02 deg, 0.05 N); runs of 100 s and one that is held out.
@@ -160,7 +160,7 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
     """Run the seeds that are missing, and sum up."""
     model = 'hybrid' if arguments.hybrid else 'mas'
     case = (arguments.runs, model, bool(arguments.missing), float(arguments.rate), float(arguments.begin))
-    wanted = {(seed, *case) for seed in range(arguments.seeds)}
+    wanted = {(seed, *case) for seed in range(arguments.first, arguments.first + arguments.seeds)}
     for one in sorted(wanted - {key(row) for row in kept(FILE)}):
         row = one_seed(*one)
         with FILE.open('a') as file:
@@ -175,4 +175,4 @@ def key(row: dict[str, Any]) -> tuple[Any, ...]:
 
 
 if __name__ == '__main__':
-    report(__doc__ or '', measure, seeds=60, runs=3, hybrid=0, missing=0, rate=50, begin=0.0)
+    report(__doc__ or '', measure, seeds=60, first=0, runs=3, hybrid=0, missing=0, rate=50, begin=0.0)
