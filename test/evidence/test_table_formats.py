@@ -217,13 +217,63 @@ def test_workbooks(tmp_path, dated):
     book.save(path)
     way.write_text('system: slider\n')
     check_plain(read_recording(path, 'slider', 298.0, way), atol=1e-6)
-    book['empty'].append([1.0])
-    book.save(path)
-    with pytest.raises(UserError, match='several sheets, Sheet, empty; expected one'):
-        read_recording(path, 'slider', 298.0, way)
     path.write_bytes(b'PK no workbook')
     with pytest.raises(UserError, match='no Excel workbook.*save the sheet as CSV'):
         read_recording(path, 'slider', 298.0, way)
+
+
+@pytest.fixture
+def workbook(tmp_path):
+    """Two runs and a summary, each in a sheet, with an extension that openpyxl does not know."""
+    openpyxl = pytest.importorskip('openpyxl')
+    book, plain, path = openpyxl.Workbook(), tmp_path / 'plain.xlsx', tmp_path / 'runs.xlsx'
+    for title, sign in (('50 %, up', 1.0), ('50 %, down', -1.0)):
+        sheet = book.create_sheet(title)
+        for row in [NAMES, *zip(TIME.tolist(), POWER.tolist(), (sign * POSITION).tolist(), strict=True)]:
+            sheet.append(row)
+    book.active.title = 'Summary'
+    book.active.append(['mean', 1.0])
+    book.save(plain)
+    extension = b'<extLst><ext uri="{00000000-0000-0000-0000-000000000000}"/></extLst></worksheet>'
+    with ZipFile(plain) as archive, ZipFile(path, 'w') as extended:
+        for name in archive.namelist():
+            extended.writestr(name, archive.read(name).replace(b'</worksheet>', extension))
+    return path
+
+
+def recordings_of(workbook, mapping):
+    way = workbook.parent / 'map.yaml'
+    way.write_text(f'system: slider\n{mapping}')
+    return read_recording(workbook, 'slider', 298.0, way)
+
+
+@pytest.mark.filterwarnings('error')
+def test_the_sheet_of_a_workbook(workbook):
+    (up,) = recordings_of(workbook, "sheet: '50 %, up'\n")
+    check_plain([up])
+    assert up.name == 'runs#50 %, up'
+    one, other = recordings_of(workbook, "sheet: ['50 %, up', '50 %, down']\n")
+    assert (one.name, other.name) == ('runs#50 %, up', 'runs#50 %, down')
+    assert (one.channels['position'] == -other.channels['position']).all()
+    (down,) = recordings_of(workbook, "tests: [{files: 'runs.*', sheet: '50 %, down'}]\nsheet: '50 %, up'\n")
+    assert down.name == 'runs#50 %, down'
+
+
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize(
+    ('mapping', 'said'),
+    [
+        ('', "runs.xlsx has several sheets, 'Summary', '50 %, up', '50 %, down'; expected one: .*sheet: Summary"),
+        ('sheet: 50 % up\n', "has no sheet '50 % up'; did you mean 50 %, up.*its sheets are 'Summary', '50 %, up'"),
+        ('sheet: Summary\n', "sheet 'Summary': .*runs.xlsx has no column time_s"),
+        ('sheet: {a: 1}\n', 'map.yaml, sheet: expected the title of a sheet or a list of titles, got'),
+        ("tests: [{files: 'runs.*', sheet: true}]\n", r'tests, runs.\*, sheet: expected the title'),
+    ],
+    ids=['none named', 'misspelt', 'no recording', 'no title', 'no title in a test'],
+)
+def test_sheets_that_are_refused(workbook, mapping, said):
+    with pytest.raises(UserError, match=said):
+        recordings_of(workbook, mapping)
 
 
 def test_broken_workbooks_are_refused_or_read(tmp_path):

@@ -51,7 +51,7 @@ def read_cells(layout: CellLayout) -> tuple[dict[str, Vector], bool]:
     """The columns, (k,) each and NaN at gaps, and whether a cut last line was left out. Raises UserError."""
     path = layout.path
     try:
-        table = [np.empty(max_row_count(path)) for _ in layout.names]
+        table = [np.empty(max_row_count(path, layout.format.sheet)) for _ in layout.names]
         count, line, cut = 0, layout.format.lines_before + 1, False
         for text, last in text_blocks(path, layout.format):
             if last and layout.tolerant:
@@ -69,10 +69,10 @@ def read_cells(layout: CellLayout) -> tuple[dict[str, Vector], bool]:
     return {name: column[:count] for name, column in zip(layout.names, table, strict=True)}, cut
 
 
-def max_row_count(path: Path) -> int:
+def max_row_count(path: Path, sheet: str) -> int:
     """At least as many as the file has rows; without decoding it, if it is text."""
     if path.suffix.lower() == SUFFIX:
-        with open_text(path) as file:
+        with open_text(path, sheet) as file:
             return sum(1 for _ in file)
     ends = 1
     with path.open('rb') as raw:
@@ -83,7 +83,7 @@ def max_row_count(path: Path) -> int:
 
 def text_blocks(path: Path, written: TableFormat) -> Iterator[tuple[str, bool]]:
     """Whole lines after the header as plain CSV, about BLOCK_SIZE characters at a time, and whether they are the last."""
-    with open_text(path) as file:
+    with open_text(path, written.sheet) as file:
         for _ in range(written.lines_before):
             file.readline(MAX_LINE_LENGTH)
         text = read_lines(file, path)

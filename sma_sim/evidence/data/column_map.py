@@ -27,6 +27,7 @@ INDEPENDENT_AFTER, NUISANCES = 'independent_after', 'nuisances'  # keys of the w
 PACE_KEYS = ('path', 'rate')
 INTERVAL = 'interval'  # key of time_s: [s] between rows, where no column holds the time
 TESTS, FILES, BENCH = 'tests', 'files', 'bench'  # keys of a campaign of several kinds of tests
+SHEET = 'sheet'  # key of a map of workbooks: which sheets hold recordings
 REST = 1e-3  # [s] between rows of a quasi-static test in which nothing changed
 
 
@@ -85,7 +86,8 @@ class ColumnMap:
 
     `independent_after` [s]: how long what repeated experiments differ by lasts; 0 where it is not stated. `tests`: the maps
     of a campaign of several kinds of tests, each with the pattern of its `files` and the options of its `bench`.
-    `nuisances`: by effect that belongs to the bench, the standard deviations of the priors of its parameters.
+    `nuisances`: by effect that belongs to the bench, the standard deviations of the priors of its parameters. `sheets`:
+    those of a workbook that hold a recording each; none where it has only one.
     """
 
     origins: Mapping[str, Origin] = field(default_factory=dict)
@@ -96,6 +98,7 @@ class ColumnMap:
     files: str = '*'
     bench: Mapping[str, str] = field(default_factory=dict)
     nuisances: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    sheets: tuple[str, ...] = ()
 
     @property
     def columns(self) -> frozenset[str]:
@@ -148,12 +151,15 @@ def read_column_map(path: Path, known: Mapping[str, Sequence[str]]) -> ColumnMap
         raise UserError(f'the map {path}, system: expected {" or ".join(known)}, got {system!r}')
     lasting = checked_positive(f'the map {path}', INDEPENDENT_AFTER, given.pop(INDEPENDENT_AFTER, 0.0))
     nuisances = parsed_nuisances(f'the map {path}, {NUISANCES}', given.pop(NUISANCES, {}))
+    sheets = parsed_sheets(f'the map {path}', given.pop(SHEET, []))
     every = [name for columns in known.values() for name in columns]
     tests = tuple(parsed_test(path, entry, every) for entry in checked_tests(path, given.pop(TESTS, [])))
     names = known[system] if system and not tests else every
     origins = {str(name): parsed_origin(path, str(name), entry, names) for name, entry in given.items()}
-    tests = tuple(replace(test, origins=origins | dict(test.origins), system=system) for test in tests)
-    return ColumnMap(origins, system, path, lasting, tests, nuisances=nuisances)
+    tests = tuple(
+        replace(test, origins=origins | dict(test.origins), system=system, sheets=test.sheets or sheets) for test in tests
+    )
+    return ColumnMap(origins, system, path, lasting, tests, nuisances=nuisances, sheets=sheets)
 
 
 def checked_tests(path: Path, given: Any) -> list[dict[str, Any]]:
@@ -175,9 +181,19 @@ def parsed_test(path: Path, entry: Mapping[str, Any], names: Sequence[str]) -> C
             f'the map {path}, {TESTS}, {entry[FILES]}: expected {BENCH}: {{control: stress, '
             f'temperature: prescribed}}, got {bench!r}'
         )
-    columns = {str(name): column for name, column in entry.items() if name not in (FILES, BENCH)}
+    columns = {str(name): column for name, column in entry.items() if name not in (FILES, BENCH, SHEET)}
     origins = {name: parsed_origin(path, name, column, names) for name, column in columns.items()}
-    return ColumnMap(origins, path=path, files=entry[FILES], bench={f'{BENCH}.{name}': word for name, word in bench.items()})
+    sheets = parsed_sheets(f'the map {path}, {TESTS}, {entry[FILES]}', entry.get(SHEET, []))
+    options = {f'{BENCH}.{name}': word for name, word in bench.items()}
+    return ColumnMap(origins, path=path, files=entry[FILES], bench=options, sheets=sheets)
+
+
+def parsed_sheets(where: str, given: Any) -> tuple[str, ...]:
+    """The titles of the sheets that hold recordings, one or a list of them. Raises UserError."""
+    titles = given if isinstance(given, list) else [given]
+    if not all(isinstance(title, str | int | float) and not isinstance(title, bool) for title in titles):
+        raise UserError(f'{where}, {SHEET}: expected the title of a sheet or a list of titles, got {given!r}')
+    return tuple(dict.fromkeys(map(str, titles)))
 
 
 def parsed_nuisances(where: str, given: Any) -> dict[str, dict[str, float]]:

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 from math import hypot, sqrt
 from pathlib import Path
 
@@ -24,6 +25,7 @@ from sma_sim.evidence.data.repeated_values import without_constant_channels, wit
 from sma_sim.evidence.data.rosbag.bag_files import is_bag
 from sma_sim.evidence.data.rosbag.commands import NODE_LIMITS, CommandLimits
 from sma_sim.evidence.data.sources import COLUMNS_BY_SYSTEM, checked_noise, read_noise_file, read_source, recordings_in
+from sma_sim.evidence.data.workbook import SUFFIX as WORKBOOK
 from sma_sim.model.argument_checks import checked
 from sma_sim.model.arrays import Vector
 from sma_sim.model.effects.ports import CHANNELS
@@ -163,13 +165,24 @@ def bench_of(system: str, test: ColumnMap) -> str:
 
 
 def recordings_in_file(file: SourceFile, mapping: ColumnMap) -> tuple[Recording, ...]:
-    """The recordings of one file."""
-    columns, notes = read_source(file.path, file.system, mapping, file.namespace, file.limits)
+    """The recordings of one file, of each sheet that the map names of a workbook."""
+    sheets = mapping.sheets if file.path.suffix.lower() == WORKBOOK else ()
+    return tuple(chain.from_iterable(recordings_in_sheet(file, mapping, sheet) for sheet in sheets or ('',)))
+
+
+def recordings_in_sheet(file: SourceFile, mapping: ColumnMap, sheet: str) -> tuple[Recording, ...]:
+    """The recordings of a file that is no workbook or has one sheet, or of the sheet that is named."""
+    try:
+        columns, notes = read_source(file.path, file.system, mapping, file.namespace, file.limits, sheet)
+    except UserError as error:
+        if not sheet:
+            raise
+        raise type(error)(f'sheet {sheet!r}: {error}') from error
     foreign = {name: entry.column for name, entry in mapping.origins.items() if entry.column is not None}
     converted = frozenset(name for name, entry in mapping.origins.items() if entry.converts)
     file = replace(file, stamped=is_bag(file.path), foreign=foreign, converted=converted)
     name = file.path.stem if file.path.is_file() else file.path.name
-    return recordings_from_columns(file, name, columns, notes)
+    return recordings_from_columns(file, f'{name}#{sheet}' if sheet else name, columns, notes)
 
 
 def column_map_for(system: str, path: Path | None) -> ColumnMap:

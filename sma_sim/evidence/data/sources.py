@@ -72,12 +72,15 @@ def is_table(path: Path) -> bool:
 
 
 def read_source(
-    path: Path, system: str, mapping: ColumnMap, namespace: str | None, limits: CommandLimits
+    path: Path, system: str, mapping: ColumnMap, namespace: str | None, limits: CommandLimits, sheet: str = ''
 ) -> tuple[Columns, list[str]]:
-    """The columns (k,) of a file by the names of the file contract, and what was noted. Raises UserError."""
+    """The columns (k,) of a file by the names of the file contract, and what was noted; `sheet`: that of a workbook.
+
+    Raises UserError.
+    """
     if is_bag(path):
         return read_bag_source(path, system, mapping, namespace, limits)
-    return read_csv_source(path, system, mapping)
+    return read_csv_source(path, system, mapping, sheet)
 
 
 def read_bag_source(
@@ -108,11 +111,11 @@ def read_bag_source(
     return columns | noise_of_rows(path, system, origins, found), notes
 
 
-def read_csv_source(path: Path, system: str, mapping: ColumnMap) -> tuple[Columns, list[str]]:
+def read_csv_source(path: Path, system: str, mapping: ColumnMap, sheet: str = '') -> tuple[Columns, list[str]]:
     """The columns of a CSV file."""
     if not path.is_dir() and path.exists() and not path.is_file():
         raise UserError(f'{path} is no regular file: expected CSV or a bag')
-    written = table_format(path, mapping.columns)
+    written = table_format(path, mapping.columns, sheet)
     header = written.header
     check_header(path, header)
     imposed = [drive.column for drive in known_structures()[system].drives]

@@ -69,7 +69,7 @@ class TableFormat:
 
     `units`: by column, what a row of units below the header says, without brackets; `above`: lines above the numbers that
     are no table, such as those in which a data logger describes itself; `between`: what those between the names and the
-    numbers say of columns that a map names.
+    numbers say of columns that a map names; `sheet`: that of a workbook, empty for its only one.
     """
 
     header: Sequence[str]
@@ -81,6 +81,7 @@ class TableFormat:
     above: int = 0
     between: str = ''
     encoding: str = ''
+    sheet: str = ''
 
     def notes(self) -> list[str]:
         """What was found that is not plain CSV."""
@@ -120,15 +121,16 @@ class TableFormat:
         return cell.translate(str.maketrans(back))
 
 
-def table_format(path: Path, wanted: Collection[str] = ()) -> TableFormat:
-    """How a table is written; `wanted`: names of columns that a map says it has.
+def table_format(path: Path, wanted: Collection[str] = (), sheet: str = '') -> TableFormat:
+    """How a table is written; `wanted`: names of columns that a map says it has; `sheet`: that of a
+    workbook, empty for its only one.
 
     Raises UserError where it has no header, or its commas have two meanings.
     """
     try:
         check_text(path)
-        with open_text(path) as file:
-            written = format_of_lines(path, file, frozenset(wanted))
+        with open_text(path, sheet) as file:
+            written = replace(format_of_lines(path, file, frozenset(wanted)), sheet=sheet)
             return replace(written, encoding=file.encoding) if isinstance(file, TextIOWrapper) else written
     except OSError as error:
         raise UserError(f'cannot read {path}: {error.strerror}') from error

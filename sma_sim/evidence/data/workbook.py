@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import warnings
 import zlib
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE, getincrementaldecoder
 from collections.abc import Iterable
@@ -13,7 +14,9 @@ from pathlib import Path
 from typing import IO, Any
 from zipfile import BadZipFile
 
+from sma_sim.evidence.data.stated_units import in_yaml
 from sma_sim.model.errors import UserError
+from sma_sim.model.nearest import suggestion
 
 SUFFIX = '.xlsx'
 WINDOWS = 'cp1252'  # an encoding of western letters, in which loggers write degrees and micrometres
@@ -22,11 +25,14 @@ PIECE = 1 << 20  # bytes that are decoded at once to tell the encoding: bounds t
 BROKEN = (BadZipFile, zlib.error, OSError, EOFError, NotImplementedError, SyntaxError, LookupError, TypeError, ValueError)
 
 
-def open_text(path: Path) -> IO[str]:
-    """A table as text: the file itself, or the sheet of a workbook. Raises UserError and OSError."""
+def open_text(path: Path, sheet: str = '') -> IO[str]:
+    """A table as text: the file itself, or the `sheet` of a workbook, its only one if none is named.
+
+    Raises UserError and OSError.
+    """
     if path.suffix.lower() != SUFFIX:
         return path.open(encoding=encoding_of(path))
-    return io.StringIO(workbook_text(path, path.stat().st_mtime_ns))
+    return io.StringIO(workbook_text(path, path.stat().st_mtime_ns, sheet))
 
 
 def encoding_of(path: Path) -> str:
@@ -52,8 +58,11 @@ def encoding_of_version(path: Path, changed: int, size: int) -> str:
 
 
 @lru_cache(maxsize=1)
-def workbook_text(path: Path, changed: int) -> str:
-    """The only sheet of a workbook that was last `changed` [ns] as text of CSV. Raises UserError and OSError."""
+def workbook_text(path: Path, changed: int, sheet: str = '') -> str:
+    """The `sheet` of a workbook that was last `changed` [ns], its only one if none is named, as text of CSV.
+
+    Raises UserError and OSError.
+    """
     try:
         import openpyxl
     except ImportError as error:
@@ -62,14 +71,31 @@ def workbook_text(path: Path, changed: int) -> str:
         ) from error
     content = io.BytesIO(path.read_bytes())
     try:
-        book = openpyxl.load_workbook(content, read_only=True, data_only=True)
-        sheets = {sheet.title: text_of_rows(sheet.iter_rows(values_only=True)) for sheet in book.worksheets}
+        with warnings.catch_warnings():
+            warnings.simplefilter('ignore', UserWarning)  # of styles and extensions, which hold no numbers
+            book = openpyxl.load_workbook(content, read_only=True, data_only=True)
+            titles = [one.title for one in book.worksheets]
+            sheets = {
+                one.title: text_of_rows(one.iter_rows(values_only=True))
+                for one in book.worksheets
+                if sheet in ('', one.title)
+            }
     except BROKEN as error:
         raise UserError(f'{path} is no Excel workbook: {error}; save the sheet as CSV') from error
+    if sheet and not sheets:
+        raise UserError(f'{path} has no sheet {sheet!r}{suggestion(sheet, titles)}; its sheets are {quoted(titles)}')
     full = {title: text for title, text in sheets.items() if text}
     if len(full) > 1:
-        raise UserError(f'{path} has several sheets, {", ".join(full)}; expected one: save that of the recording as CSV')
+        raise UserError(
+            f'{path} has several sheets, {quoted(full)}; expected one: name that of the recording in a map (--map), '
+            f'sheet: {in_yaml(next(iter(full)))}, or several in a list'
+        )
     return next(iter(full.values()), '')
+
+
+def quoted(titles: Iterable[str]) -> str:
+    """Titles of sheets, which may have commas in them."""
+    return ', '.join(map(repr, titles))
 
 
 def text_of_rows(rows: Iterable[tuple[Any, ...]]) -> str:
