@@ -71,7 +71,7 @@ def is_simple(mapping: ColumnMap) -> bool:
         and not any(origin.unknown)
         for origin in mapping.origins.values()
     )
-    return plain and not (mapping.tests or mapping.independent_after or mapping.nuisances or mapping.sheets)
+    return plain and not any((mapping.tests, mapping.independent_after, mapping.nuisances, mapping.sheets, mapping.names))
 
 
 def choice(column: str, unit: str, factor: float = 1.0) -> dict[str, Any]:

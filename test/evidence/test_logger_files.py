@@ -74,7 +74,37 @@ def with_cell(word):
     return '\n'.join([PLAIN.split('\n')[0], *ROWS[:50], ROWS[50].rpartition(',')[0] + f',{word}', *ROWS[51:], ''])
 
 
+NAMED = 'columns: [Time, Power, Way]\n' + FOREIGN
 READ = {  # content, map, what is said
+    'no header': (BODY, 'columns: [time_s, J_W, position_m]\n', ''),
+    'no header, foreign names': (BODY, NAMED, ''),
+    'no header, a column without a name': (
+        rows(lambda k, t, p, x: f'{t:.6f},{k},{p:.3f},{x:.15f}'),
+        'columns: [Time, "", Power, Way]\n' + FOREIGN,
+        '',
+    ),
+    'no header, decimal commas between tabs': (cells('\t', ','), NAMED, 'decimals have commas'),
+    'no header, decimal commas between spaces': (cells('  ', ','), NAMED, 'separated by spaces'),
+    'no header, dates': (
+        rows(lambda _, t, p, x: f'2026-07-31 21:16:{9 + t:05.2f},{p},{x:.15f}'),
+        NAMED,
+        'counted from the first row',
+    ),
+    'no header, comments': ('# bench 3\n' + BODY.replace('\n1,', '\n# halved\n1,'), NAMED, 'are comments'),
+    'no header, a row of units': (
+        's;W;mm\n' + rows(lambda _, t, p, x: f'{t};{p};{1e3 * x:.12f}'),
+        'columns: [Time, Power, Way]\ntime_s: Time\nJ_W: Power\nposition_m: {column: Way, scale: 0.001}\n',
+        'the row of units',
+    ),
+    'no header, a gap in the first rows': (BODY.replace('\n0.05,0,', '\n0.05,,'), NAMED, 'J_W: 1 row without a value'),
+    'no header below a description': ('Bench 3\nMass: 12 g\n\n' + BODY, NAMED, "2 lines above the numbers are no table"),
+    'names of a map in place of others': ('Zeit,Leistung,Weg\n' + BODY, NAMED, "among them 'Zeit Leistung Weg'"),
+    'names of a map that the table has': (PLAIN, 'columns: [time_s, J_W, position_m]\n', ''),
+    'no header in a campaign': (
+        BODY,
+        'tests: [{files: "*.csv", columns: [Time, Power, Way]}]\n' + FOREIGN,
+        '',
+    ),
     'labview': (LABVIEW.format(decimal='.') + cells('\t', end='\t'), FOREIGN, '14 lines above'),
     'labview with decimal commas': (LABVIEW.format(decimal=',') + cells('\t', ',', '\t'), FOREIGN, 'decimals have commas'),
     'tdms exported': ('Time;Power;Way\n\n' + cells(';', ','), FOREIGN, 'separated by semicolons'),
@@ -367,7 +397,52 @@ REFUSED = {  # content, map, what is said
         '',
         'write the names of the columns',
     ),
-    'no header': (BODY, '', 'row 1: expected the names of the columns, got numbers'),
+    'no header': (
+        BODY,
+        '',
+        'row 1: expected the names of the columns, got numbers: 0, 0, 0.0004; write the names of the columns above them, or '
+        'in a map (--map), from left to right: columns: [NAME_1, NAME_2, NAME_3]',
+    ),
+    'no header, decimal commas and dates': (
+        rows(lambda _, t, p, x: f'2026-07-31 21:16:{9 + t:06.3f};{p:.3f};{x:.9f}'.replace('.', ',')),
+        '',
+        'or in a map (--map), from left to right: columns: [NAME_1, NAME_2, NAME_3]',
+    ),
+    'no header, decimal commas between spaces': (cells(' ', ','), '', 'columns: [NAME_1, NAME_2, NAME_3]'),
+    'no header, many columns': (rows(lambda *_: '0,1,2,3,4,5,6'), '', 'columns: [NAME_1, NAME_2, ...]'),
+    'no header below a description': (
+        'Bench 3\n' + BODY,
+        '',
+        'if no line has the names of the columns, write them above the numbers, or in a map (--map), from left to right',
+    ),
+    'fewer names in a map than columns': (
+        BODY,
+        'columns: [time_s, J_W]\n',
+        "has no rows of 2 numbers, as many as columns of the map has names: time_s, J_W; its first line is '0,0,0.0004'",
+    ),
+    'more names in a map than columns': (BODY, 'columns: [time_s, J_W, position_m, T_K]\n', 'has no rows of 4 numbers'),
+    'names in a map in another order': (
+        PLAIN,
+        'columns: [J_W, time_s, position_m]\n',
+        'names of its own, time_s, J_W, position_m, in another order than columns of the map, J_W, time_s, position_m',
+    ),
+    'names in a map in another order than in a comment': (
+        '# ' + PLAIN,
+        'columns: [time_s, position_m, J_W]\n',
+        'names of its own, time_s, J_W, position_m, in another order',
+    ),
+    'no names in a map': (
+        BODY,
+        'columns: time_s\n',
+        "columns: expected the names of all columns from left to right, such as",
+    ),
+    'a number in a map': (BODY, 'columns: [time_s, 1, position_m]\n', "got ['time_s', 1, 'position_m']"),
+    'a name twice in a map': (BODY, 'columns: [a, a, position_m]\n', 'columns: a is there twice'),
+    'a unit in a name of a map': (
+        BODY,
+        'columns: [time_s, J_W, x_mm]\nposition_m: x_mm\n',
+        'column x_mm: its name says mm, expected m',
+    ),
     'tektronix': (
         'Record Length,2.5e3,,0,0.1,0.2\n' + rows(lambda _, t, p, x: f',,,{t},{p},{x:.9f}'),
         '',

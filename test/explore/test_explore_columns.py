@@ -79,7 +79,14 @@ def test_choices_are_found_again_in_the_map_that_they_make(case, tmp_path):
 
 
 @pytest.mark.parametrize(
-    'line', ['J_eq_W: {value: 3.0}', 'J_eq_W: {column: power_mW, exponent: 2}', 'independent_after: 1.0', 'sheet: Run 1']
+    'line',
+    [
+        'J_eq_W: {value: 3.0}',
+        'J_eq_W: {column: power_mW, exponent: 2}',
+        'independent_after: 1.0',
+        'sheet: Run 1',
+        'columns: [a]',
+    ],
 )
 def test_a_map_that_says_more_is_left_as_it_is(case, tmp_path, line):
     (tmp_path / 'map.yaml').write_text(f'time_s: t [ms]\n{line}\n')

@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 
 from sma_sim.evidence.data.imposed import without_noise
-from sma_sim.evidence.data.table_format import is_number
+from sma_sim.evidence.data.table_format import COLUMNS, is_number
 from sma_sim.evidence.data.tables import MAX_NAMES
 from sma_sim.model.arrays import Vector
 from sma_sim.model.errors import UserError
@@ -87,7 +87,8 @@ class ColumnMap:
     `independent_after` [s]: how long what repeated experiments differ by lasts; 0 where it is not stated. `tests`: the maps
     of a campaign of several kinds of tests, each with the pattern of its `files` and the options of its `bench`.
     `nuisances`: by effect that belongs to the bench, the standard deviations of the priors of its parameters. `sheets`:
-    those of a workbook that hold a recording each; none where it has only one.
+    those of a workbook that hold a recording each; none where it has only one. `names`: those of all columns of tables
+    without a header, from left to right.
     """
 
     origins: Mapping[str, Origin] = field(default_factory=dict)
@@ -99,6 +100,7 @@ class ColumnMap:
     bench: Mapping[str, str] = field(default_factory=dict)
     nuisances: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     sheets: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()
 
     @property
     def columns(self) -> frozenset[str]:
@@ -152,14 +154,22 @@ def read_column_map(path: Path, known: Mapping[str, Sequence[str]]) -> ColumnMap
     lasting = checked_positive(f'the map {path}', INDEPENDENT_AFTER, given.pop(INDEPENDENT_AFTER, 0.0))
     nuisances = parsed_nuisances(f'the map {path}, {NUISANCES}', given.pop(NUISANCES, {}))
     sheets = parsed_sheets(f'the map {path}', given.pop(SHEET, []))
+    header = parsed_names(f'the map {path}', given.pop(COLUMNS, []))
     every = [name for columns in known.values() for name in columns]
     tests = tuple(parsed_test(path, entry, every) for entry in checked_tests(path, given.pop(TESTS, [])))
     names = known[system] if system and not tests else every
     origins = {str(name): parsed_origin(path, str(name), entry, names) for name, entry in given.items()}
     tests = tuple(
-        replace(test, origins=origins | dict(test.origins), system=system, sheets=test.sheets or sheets) for test in tests
+        replace(
+            test,
+            origins=origins | dict(test.origins),
+            system=system,
+            sheets=test.sheets or sheets,
+            names=test.names or header,
+        )
+        for test in tests
     )
-    return ColumnMap(origins, system, path, lasting, tests, nuisances=nuisances, sheets=sheets)
+    return ColumnMap(origins, system, path, lasting, tests, nuisances=nuisances, sheets=sheets, names=header)
 
 
 def checked_tests(path: Path, given: Any) -> list[dict[str, Any]]:
@@ -181,11 +191,24 @@ def parsed_test(path: Path, entry: Mapping[str, Any], names: Sequence[str]) -> C
             f'the map {path}, {TESTS}, {entry[FILES]}: expected {BENCH}: {{control: stress, '
             f'temperature: prescribed}}, got {bench!r}'
         )
-    columns = {str(name): column for name, column in entry.items() if name not in (FILES, BENCH, SHEET)}
+    columns = {str(name): column for name, column in entry.items() if name not in (FILES, BENCH, SHEET, COLUMNS)}
     origins = {name: parsed_origin(path, name, column, names) for name, column in columns.items()}
-    sheets = parsed_sheets(f'the map {path}, {TESTS}, {entry[FILES]}', entry.get(SHEET, []))
+    where = f'the map {path}, {TESTS}, {entry[FILES]}'
+    sheets, header = parsed_sheets(where, entry.get(SHEET, [])), parsed_names(where, entry.get(COLUMNS, []))
     options = {f'{BENCH}.{name}': word for name, word in bench.items()}
-    return ColumnMap(origins, path=path, files=entry[FILES], bench=options, sheets=sheets)
+    return ColumnMap(origins, path=path, files=entry[FILES], bench=options, sheets=sheets, names=header)
+
+
+def parsed_names(where: str, given: Any) -> tuple[str, ...]:
+    """The names of all columns of a table without a header. Raises UserError."""
+    if not isinstance(given, list) or not all(isinstance(name, str) for name in given):
+        raise UserError(
+            f'{where}, {COLUMNS}: expected the names of all columns from left to right, such as [time, force, "1"], '
+            f'got {given!r}'
+        )
+    if twice := [name for name in given if name and given.count(name) > 1]:
+        raise UserError(f'{where}, {COLUMNS}: {twice[0]} is there twice, expected a name for each column, or "" for none')
+    return tuple(given)
 
 
 def parsed_sheets(where: str, given: Any) -> tuple[str, ...]:

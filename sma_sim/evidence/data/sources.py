@@ -22,7 +22,7 @@ from sma_sim.evidence.data.rosbag.bag_files import is_bag
 from sma_sim.evidence.data.rosbag.commands import CommandLimits
 from sma_sim.evidence.data.rosbag.interface import interface_of, measured_decoders
 from sma_sim.evidence.data.stated_units import in_yaml, stated_unit, unit_of
-from sma_sim.evidence.data.table_format import cells_of_line, is_number, table_format
+from sma_sim.evidence.data.table_format import COLUMNS, TableFormat, cells_of_line, is_number, is_sample, table_format
 from sma_sim.evidence.data.table_units import check_stated_units
 from sma_sim.evidence.data.tables import MAX_NAMES
 from sma_sim.evidence.data.time_formats import counted_on, reader_of_column, without_clock_change, without_period
@@ -33,6 +33,7 @@ from sma_sim.model.structures.discovery import known_structures
 from sma_sim.model.structures.structure import shared_temperature
 
 REGULAR_ROWS = 'if no column holds the time and rows are regular, a map says so: time_s: {interval: SECONDS}'
+MAX_UNNAMED = 6  # columns that a message numbers one by one
 META_FILE = 'meta.json'
 TABLE_SUFFIXES, TEXT_SUFFIXES = ('.csv', '.tsv', '.xlsx'), ('.txt', '.dat', '.lvm', '.asc')
 COLUMNS_BY_SYSTEM = OfSystems(lambda structure: ('time_s', *structure.input_columns, *structure.channel_columns))
@@ -115,9 +116,9 @@ def read_csv_source(path: Path, system: str, mapping: ColumnMap, sheet: str = ''
     """The columns of a CSV file."""
     if not path.is_dir() and path.exists() and not path.is_file():
         raise UserError(f'{path} is no regular file: expected CSV or a bag')
-    written = table_format(path, mapping.columns, sheet)
+    written = table_format(path, mapping.columns, sheet, mapping.names)
     header = written.header
-    check_header(path, header)
+    check_header(path, written)
     imposed = [drive.column for drive in known_structures()[system].drives]
     shared = {name: Origin(column) for name, column in shared_temperature(imposed, header).items()}
     origins = shared | column_origins(path, mapping, COLUMNS_BY_SYSTEM[system], header)
@@ -227,15 +228,25 @@ def numbers_in(layout: CellLayout, name: str, index: int | None = None) -> Vecto
         return None
 
 
-def check_header(path: Path, header: Sequence[str]) -> None:
+def check_header(path: Path, written: TableFormat) -> None:
     """Raise UserError for a file without names, and NothingMeasuredError for one of estimates."""
-    if all(is_number(name) for name in header):
-        raise UserError(f'{path}, row 1: expected the names of the columns, got numbers: {",".join(header)[:60]}')
+    header = written.header
+    if is_sample(header, len(header), written.separator):
+        raise UserError(
+            f'{path}, row {written.lines_before}: expected the names of the columns, got numbers: {", ".join(header)[:60]}; '
+            f'write the names of the columns above them, or {names_in_map(len(header))}'
+        )
     if estimated := [name for name in header if ESTIMATE_COLUMN.fullmatch(name)]:
         raise NothingMeasuredError(
             f'{path}: nothing measured in it; column {estimated[0]} says that sma-sim observe estimated its temperatures '
             'and stresses; expected the recording itself'
         )
+
+
+def names_in_map(count: int = 0) -> str:
+    """How a map names the columns of a table without a header, where they are known to be so many."""
+    names = [f'NAME_{k}' for k in range(1, count + 1)] if 0 < count <= MAX_UNNAMED else ['NAME_1', 'NAME_2', '...']
+    return f'in a map (--map), from left to right: {COLUMNS}: [{", ".join(names)}]'
 
 
 def check_clock(path: Path, header: Sequence[str], time: Origin) -> None:
@@ -311,6 +322,8 @@ def check_complete(path: Path, system: str, header: Sequence[str], origins: Mapp
         hint = ' (its first row looks like samples: write the names of the columns above them)'
     if not hint and not header[0]:
         hint = f' (its first column has no name: write {missing[0]} above it if that is what it holds)'
+    if not hint and sum(map(bool, header)) == 1:
+        hint = f' (if no line has the names of the columns, write them above the numbers, or {names_in_map()})'
     columns = listed((name or '(no name)' for name in header), MAX_NAMES)
     hint = hint or ' (a map, --map, says which column is which)'
     more += f'; {REGULAR_ROWS}' if 'time_s' in missing and not likely_column('time_s', header)[0] else ''

@@ -33,6 +33,7 @@ SAMPLES = 3  # rows of numbers that make a table
 UNIT_LABELS = frozenset(['unit', 'units', 'einheit', 'einheiten', 'y_unit_label'])  # what a line of units begins with
 OPEN_QUOTE = re.compile(r'(?:^|[,;\t|]) *"[^"]*$')  # a cell that goes on in the next line; 5" is a length
 MAX_BREAKS = 10  # lines in a quoted name at most
+COLUMNS = 'columns'  # key of a map of tables without a header: the names of all columns
 UNIT_ROWS = 2  # between the names and the numbers at most
 MAX_SAID = 40  # characters of each row between them, where there are others
 # What programs write where a value is missing: that of pandas, and of spreadsheets in German.
@@ -121,16 +122,16 @@ class TableFormat:
         return cell.translate(str.maketrans(back))
 
 
-def table_format(path: Path, wanted: Collection[str] = (), sheet: str = '') -> TableFormat:
-    """How a table is written; `wanted`: names of columns that a map says it has; `sheet`: that of a
-    workbook, empty for its only one.
+def table_format(path: Path, wanted: Collection[str] = (), sheet: str = '', names: Sequence[str] = ()) -> TableFormat:
+    """How a table is written; `wanted`: names of columns that a map says it has; `sheet`: that of a workbook, empty for its
+    only one; `names`: those that a map gives to all columns of a table without a header.
 
     Raises UserError where it has no header, or its commas have two meanings.
     """
     try:
         check_text(path)
         with open_text(path, sheet) as file:
-            written = replace(format_of_lines(path, file, frozenset(wanted)), sheet=sheet)
+            written = replace(format_of_lines(path, file, frozenset(wanted), names), sheet=sheet)
             return replace(written, encoding=file.encoding) if isinstance(file, TextIOWrapper) else written
     except OSError as error:
         raise UserError(f'cannot read {path}: {error.strerror}') from error
@@ -150,7 +151,7 @@ def check_text(path: Path) -> None:
         raise UserError(f'{path} is not a CSV file: it is binary; export the table as CSV in UTF-8')
 
 
-def format_of_lines(path: Path, file: IO[str], wanted: frozenset[str]) -> TableFormat:
+def format_of_lines(path: Path, file: IO[str], wanted: frozenset[str], given: Sequence[str]) -> TableFormat:
     """The format of an open file."""
     head = with_whole_names(list(islice(iter(lambda: file.readline(MAX_LINE_LENGTH), ''), HEAD)))
     content = [k for k, line in enumerate(head) if is_content(line)]
@@ -158,6 +159,8 @@ def format_of_lines(path: Path, file: IO[str], wanted: frozenset[str]) -> TableF
         raise UserError(f'{path} is empty: expected a header and at least one row')
     if head[content[0]].lstrip().startswith(('<', '{', '[{')):
         raise UserError(f'{path} is not a CSV file: it is HTML or JSON; export the table as CSV in UTF-8')
+    if given:
+        return with_decimals(path, file, format_of_numbers(path, head, content, given))
     lines = [head[k] for k in content]
     first = first_of_table(path, lines)
     separator = separator_of(lines[first], lines[first + 1] if first + 1 < len(lines) else '')
@@ -186,13 +189,54 @@ def format_of_lines(path: Path, file: IO[str], wanted: frozenset[str]) -> TableF
     units = {name: without_brackets(cell) for name, cell in zip(header, rows[0], strict=False)} if rows else {}
     later = any(COMMENT_LINE.match(line) for line in head[at:])
     units = {name: '' if unit in DESCRIPTIONS else unit for name, unit in units.items()}
-    found = TableFormat(header, before, separator, False, bool(comments) or later, units, above, between)
-    if separator == ',':
+    return with_decimals(
+        path, file, TableFormat(header, before, separator, False, bool(comments) or later, units, above, between)
+    )
+
+
+def format_of_numbers(path: Path, head: Sequence[str], content: Sequence[int], names: Sequence[str]) -> TableFormat:
+    """The format of a table whose columns a map names: it begins at the first rows of as many numbers. Raises UserError.
+
+    `content`: which lines of the `head` of the file are no comments, and not empty.
+    """
+    lines, width = [head[k] for k in content], len(names)
+    for k, line in enumerate(lines):
+        likely = separator_of(line, lines[k + 1] if k + 1 < len(lines) else '')
+        for separator in dict.fromkeys((likely, *SEPARATORS, ',')):
+            if len(cells_of_line(line, separator)) < width or not all_samples(lines[k : k + SAMPLES], width, separator):
+                continue
+            before = head[: content[k]]
+            check_names_above(path, [cells_of_line(one.lstrip('#/% \t'), separator) for one in before], names)
+            rows = units_beside(names, before, separator)
+            units = {name: without_brackets(cell) for name, cell in zip(names, rows[0], strict=False)} if rows else {}
+            between = said_between([cells_of_line(one, separator) for one in lines[k - 1 : k]])
+            has_comments = any(map(COMMENT_LINE.match, head))
+            return TableFormat(names, content[k], separator, False, has_comments, units, k, between)
+    raise UserError(
+        f'{path} has no rows of {width} numbers, as many as {COLUMNS} of the map has names: {", ".join(names)[:60]}; its '
+        f'first line is {lines[0].strip()[:60]!r}'
+    )
+
+
+def check_names_above(path: Path, rows: Sequence[Sequence[str]], names: Sequence[str]) -> None:
+    """Raise UserError where a row above the numbers has names of a map in another order."""
+    for row in rows:
+        common = [name for name in names if name and row.count(name) == 1]
+        if len(common) > 1 and any(row.index(name) != names.index(name) for name in common):
+            raise UserError(
+                f'{path} has names of its own, {", ".join(row)[:60]}, in another order than {COLUMNS} of the map, '
+                f'{", ".join(names)[:60]}: leave {COLUMNS} out, which names those of a table without names'
+            )
+
+
+def with_decimals(path: Path, file: IO[str], found: TableFormat) -> TableFormat:
+    """The format of an open file with what its decimals have: points or commas. Raises UserError where nobody can tell."""
+    if found.separator == ',':
         return found
     file.seek(0)
-    for _ in range(before):
+    for _ in range(found.lines_before):
         file.readline(MAX_LINE_LENGTH)
-    return replace(found, decimal_comma=has_decimal_commas(path, file, separator))
+    return replace(found, decimal_comma=has_decimal_commas(path, file, found.separator))
 
 
 def is_content(line: str) -> bool:
@@ -309,12 +353,19 @@ def with_whole_names(lines: Sequence[str]) -> list[str]:
 
 
 def separator_of(line: str, following: str) -> str:
-    """The sign between the cells of a header; spaces only where the next line has as many words."""
+    """The sign between the cells of a header, or of numbers; spaces only where the next line has as many words."""
     for sign in ';\t|':
-        if line.count(sign) > line.count(','):
+        if line.count(sign) > line.count(',') or are_numbers(line, sign):
             return sign
     words = len(line.split())
-    return ' ' if ',' not in line and '"' not in line and words > 1 and len(following.split()) == words else ','
+    has_commas = ',' in line and (', ' in line or not are_numbers(line, ' '))
+    return ' ' if not has_commas and '"' not in line and words > 1 and len(following.split()) == words else ','
+
+
+def are_numbers(line: str, separator: str) -> bool:
+    """Whether a line has several cells with this sign between them, all of which belong to a sample."""
+    cells = cells_of_line(line, separator)
+    return len(cells) > 1 and is_sample(cells, len(cells), separator)
 
 
 def cells_of_line(line: str, separator: str) -> list[str]:
