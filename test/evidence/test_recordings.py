@@ -59,6 +59,23 @@ def test_what_moves_before_a_command_for_another_reason_is_not_told(tmp_path, sh
     assert early_notes(tmp_path, columns) == []
 
 
+def test_a_piece_of_a_pull_is_told(tmp_path):
+    """A pull from zero stress begins as every model does, and one from a small preload; a piece of it does not."""
+    time = np.arange(200.0)
+    strain = 3e-4 * np.minimum(time, 200.0 - time)
+    stress = 5e8 * np.tanh(strain / 0.01) + 4e7
+    pull = {'time_s': time, 'strain': strain, 'stress_Pa': stress, 'T_K': np.full(200, 298.0)}
+    write_recording(tmp_path / 'pull.csv', pull)
+    write_recording(tmp_path / 'piece.csv', {name: values[120:] for name, values in pull.items()})
+    for system in ('wire', 'wire_at_T'):
+        assert not [note for note in read_dataset([tmp_path / 'pull.csv'], system).notes if 'every model begins' in note]
+        both = read_dataset([tmp_path / 'pull.csv', tmp_path / 'piece.csv'], system)
+        (told,) = [note for note in both.notes if 'every model begins' in note]
+        assert told.startswith('stress begins at 532 MPa in piece: ') and 'give the recording whole' in told
+    for path in tmp_path.iterdir():  # a stress that is imposed is none that is measured
+        assert not [note for note in read_dataset([path], 'wire_under_load').notes if 'first pull' in note]
+
+
 @pytest.mark.parametrize('power', [0.0, 9.0])
 def test_recordings_that_do_not_begin_at_rest_are_told(tmp_path, power):
     """As pieces of a long one do, whose wires are warm from before: a model begins at rest, and lacks an effect then."""

@@ -9,6 +9,7 @@ import numpy as np
 from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.data.recording import Recording
 from sma_sim.model.arrays import Vector
+from sma_sim.model.shown import listed
 from sma_sim.solver.inputs import Input
 
 MIN_RESTING = 10  # samples that tell where a robot rests, and that it has left
@@ -17,6 +18,7 @@ NOT_AT_REST = (
     'every model begins at rest in ambient temperature, and will be wrong where wires are warm from before, unless a '
     'diagnosis finds how warm, or fit, compare and next are told by --in-motion'
 )
+MAX_NAMES = 5  # of recordings in a note
 MAX_LATE_COMMAND = 0.2  # [s] beyond the delays of sensors and messages that a fit estimates
 
 
@@ -88,3 +90,22 @@ def different_beginnings(recordings: Sequence[Recording]) -> list[str]:
             if (apart := first[high] - first[low]) > clear:
                 notes.append(f'{channel} of {high} begins {in_display_unit(channel, apart)} above {low}: {NOT_AT_REST}')
     return notes
+
+
+def stressed_beginnings(recordings: Sequence[Recording]) -> list[str]:
+    """A note where wires whose strain is imposed begin clearly away from zero stress, as pieces of a longer pull do."""
+    stresses = {one.name: one.channels['stress'] for one in recordings if 'stress' in one.channels}
+    known = {name: values[np.isfinite(values)] for name, values in stresses.items() if np.isfinite(values).any()}
+    clear = EARLY_MOTION * float(np.ptp(np.concatenate(list(known.values())))) if known else 0.0
+    stressed = [
+        f'{in_display_unit("stress", float(values[0]))} in {name}'
+        for name, values in known.items()
+        if abs(float(values[0])) > clear
+    ]
+    if not stressed:
+        return []
+    return [
+        f'stress begins at {listed(stressed, MAX_NAMES)}: every model begins as a first pull from zero stress arrives '
+        'there, and will be wrong where the wire was stretched further, let back or heated before; give the recording '
+        'whole, or leave such a piece out'
+    ]

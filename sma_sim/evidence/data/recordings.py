@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from sma_sim.evidence.data.assemble import NothingMeasuredError, SourceFile, recordings_from_columns
-from sma_sim.evidence.data.at_rest import different_beginnings
+from sma_sim.evidence.data.at_rest import different_beginnings, stressed_beginnings
 from sma_sim.evidence.data.column_map import ColumnMap, read_column_map
 from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.data.noise import Noise, noise_by_channel
@@ -115,7 +115,7 @@ def read_dataset(
             f'{", ".join(map(str, files_and_folders))}: no measurement in it; expected measured columns such as alpha_rad'
         )
     recordings = without_copies(with_distinct_names(found), notes)
-    notes += different_beginnings(recordings)
+    notes += different_beginnings(recordings) + stressed_beginnings(recordings)
     stated = noise_from_folders([path for path, _ in files], channels, notes) | given
     recordings = tuple(map(partial(without_sample_noise, channels=given), recordings))
     recordings = with_rounding(recordings)
