@@ -45,7 +45,7 @@ NAMES_WITH_UNITS = [  # of ours, of the file, what a map says beside its column
     ('time_s', 'Time (µs)', 'scale: 1e-06'),
     ('time_s', 'millis', 'scale: 0.001'),
     ('J_W', 'heater [kW]', 'scale: 1000'),
-    ('J_W', 'heater [%]', 'scale: FACTOR'),
+    ('J_W', 'heater [%]', 'scale: WATTS_AT_1_PERCENT'),
     ('J_W', 'heater [duty]', 'scale: FACTOR'),
     ('J_W', 'power_duty', 'scale: FACTOR'),
     ('T_K', 'Temperature [℃]', 'offset: 273.15'),
@@ -77,7 +77,14 @@ def test_names_without_a_unit_are_noted(tmp_path, names):
     position, power, time = names
     text = table(TIME, POWER, POSITION, header=(time, power, position))
     mapping = f'time_s: {{column: {time}, scale: 1}}\nJ_W: {power}\nposition_m: "{position}"\n'
-    check_plain(read(tmp_path, text, mapping), f'no unit stated: {time} in s, {power} in W, {position} in m assumed')
+    check_plain(read(tmp_path, text, mapping), f'no unit stated: {time!r} in s, {power!r} in W, {position!r} in m assumed')
+
+
+def test_a_strain_without_a_unit_is_a_fraction(tmp_path):
+    (tmp_path / 'pull.csv').write_text(table(TIME, POSITION, 1e8 + TIME, header=('Tiempo', 'Deformación', 'stress_Pa')))
+    (tmp_path / 'map.yaml').write_text('time_s: Tiempo\nstrain: Deformación\n')
+    (pull,) = read_recording(tmp_path / 'pull.csv', 'wire', 298.0, tmp_path / 'map.yaml')
+    assert "no unit stated: 'Tiempo' in s, 'Deformación' as a fraction assumed" in pull.notes
 
 
 @pytest.mark.parametrize(
@@ -99,6 +106,14 @@ def test_the_names_of_a_product_state_its_scale(tmp_path, voltage, current, scal
         ('J_W', ['power_supply_V', 'current_A'], '{column: power_supply_V, times: current_A}'),
         ('J_W', ['voltage_V', 'current_mA'], '{column: voltage_V, times: current_mA, scale: 0.001}'),
         ('J_W', ['fan_power', 'heater'], '{column: heater, scale: 1}'),
+        ('J_W', ['Time(sec)', 'PWM(%)'], '{column: PWM(%), scale: WATTS_AT_1_PERCENT}'),
+        ('J_W', ['heater duty [%]', 'fan PWM (%)'], '{column: "heater duty [%]", scale: WATTS_AT_1_PERCENT}'),
+        ('J_eq_W', ['pwm'], '{column: pwm, scale: FACTOR}'),
+        ('J_2_W', ['pwm1 (%)', 'pwm2 (%)'], '{column: pwm2 (%), scale: WATTS_AT_1_PERCENT}'),
+        ('J_W', ['PWM(%)', 'power_W'], '{column: power_W, scale: 1}'),
+        ('J_W', ['PWM(%)', 'voltage_V', 'current_A'], '{column: voltage_V, times: current_A}'),
+        ('J_W', ['duty_1', 'duty_2'], ''),
+        ('J_W', ['pwm_us'], ''),
         ('J_W', ['power_limit_W', 'heater_W'], '{column: heater_W, scale: 1}'),
         ('J_W', ['set_power', 'power'], '{column: power, scale: 1}'),
         ('position_m', ['position_setpoint', 'position'], '{column: position, scale: 1}'),

@@ -8,6 +8,7 @@ from difflib import SequenceMatcher
 
 from sma_sim.evidence.data.stated_units import (
     AMPERES,
+    NUMBERS,
     SCALES,
     UNITS,
     VOLTS,
@@ -43,6 +44,7 @@ BESIDE = frozenset(['wire', 'sma', 'electric', 'electrical', 'heating', 'heater'
 OTHERS = frozenset(
     ['limit', 'max', 'min', 'set', 'setpoint', 'target', 'desired', 'reference', 'ref', 'nominal', 'fan', 'supply']
 )
+DUTY = frozenset(['pwm', 'duty'])  # words for the part of its full power that a driver gives
 SYMBOL = re.compile(r'[A-Za-z]\d*')  # a name in which capitals tell time from temperature
 LIKE = 0.75  # of two names, from which on one is proposed for the other
 
@@ -54,20 +56,42 @@ def likely_column(name: str, header: Sequence[str]) -> tuple[str, str]:
         return same[0], ours
     found = [(likeness(name, column), column) for column in header]
     like, column = max(found, key=lambda one: one[0], default=(0.0, ''))
-    return (column, stem_and_unit(column)[1] or ours) if like >= LIKE else ('', ours)
+    if like >= LIKE:
+        return column, stem_and_unit(column)[1] or ours
+    return ('', ours) if product_of_two(name, header) else duty_column(name, header)
 
 
 def likely_line(name: str, header: Sequence[str]) -> str:
     """The line of a map that takes one of our columns from what is likely it; empty where nothing is."""
     column, unit = likely_column(name, header)
-    if column:
-        return map_line(name, column, unit)
+    return map_line(name, column, unit) if column else product_of_two(name, header)
+
+
+def product_of_two(name: str, header: Sequence[str]) -> str:
+    """The line of a map that takes a power from a voltage and a current; empty where not both are there once."""
     factors = [own_factors(header, units) for units in (VOLTS, AMPERES)]
     if unit_of(name) != 'W' or any(len(columns) != 1 for columns in factors):
         return ''
     (voltage,), (current,) = factors
     scale = SCALES[stem_and_unit(voltage)[1]] * SCALES[stem_and_unit(current)[1]]
     return product_line(name, voltage, current, scale)
+
+
+def duty_column(name: str, header: Sequence[str]) -> tuple[str, str]:
+    """The only duty cycle that a power may be made of, and its unit; an empty name where there is none, or several."""
+    ours, found = unit_of(name), list[tuple[str, str]]()
+    for column in header if ours == 'W' else ():
+        stem, unit, _ = stem_and_unit(column)
+        words = words_of(stem.rstrip('0123456789'))
+        is_of_wire = name.endswith(f'_{number_at_end(stem)}_{ours}') if number_at_end(stem) else not number_at_end(name[:-2])
+        if DUTY & words and not OTHERS & words and is_of_wire and unit.lower() in ('', '%', *NUMBERS):
+            found.append((column, unit or 'duty'))
+    return found[0] if len(found) == 1 else ('', ours)
+
+
+def number_at_end(stem: str) -> str:
+    """The number at the end of a name, by which people tell wires apart; empty where there is none."""
+    return stem[len(stem.rstrip('0123456789')) :]
 
 
 def own_factors(header: Sequence[str], units: Collection[str]) -> list[str]:

@@ -216,7 +216,7 @@ def conversion(name: str, unit: str) -> str:
     """What a map says beside a column to convert it from a unit to that of one of ours."""
     scale, offset = UNITS[unit_of(name)].get(unit, (None, 0.0))
     if scale is None:
-        return 'scale: FACTOR'
+        return 'scale: WATTS_AT_1_PERCENT' if (unit_of(name), unit) == ('W', '%') else 'scale: FACTOR'
     if offset:
         return f'scale: {scale:.10g}, offset: {offset:.10g}' if scale != 1.0 else f'offset: {offset:g}'
     return f'scale: {scale:.10g}'

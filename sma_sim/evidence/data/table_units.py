@@ -43,7 +43,8 @@ def check_stated_units(path: Path, written: TableFormat, origins: Mapping[str, O
         unit, where = stated_unit(name, entry.column, written.units)
         known = UNITS[unit_of(name)].get(unit)
         if not unit and entry.column != name and not entry.converts:
-            assumed.append(f'{entry.column} in {unit_of(name)}'.removesuffix(' in -'))
+            ours = unit_of(name)
+            assumed.append(f'{entry.column!r} {"as a fraction" if ours == "-" else f"in {ours}"}')
         elif known and entry.has_unit and not is_conversion(entry, known):
             overridden.append(f'{entry.column} ({unit})')
         elif unit and known != (1.0, 0.0) and not entry.has_unit and not entry.converts:
