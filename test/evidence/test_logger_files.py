@@ -675,3 +675,35 @@ def test_a_command_has_no_time_of_its_own(tmp_path):
         written(
             tmp_path, TWO_RATES.format(second='Time2'), FOREIGN.replace('J_W: Power', 'J_W: {column: Power, time: Time2}')
         )
+
+
+def blocks(size, clock):
+    """Rows in blocks whose time starts again at 0; `clock`: what the first row of each has beside."""
+
+    def form(k, _, p, x):
+        begun = [f'{1000 * TIME[k]:.0f}' if k % size == 0 else ''] if clock else []
+        return ','.join([f'{1e-5 * (k % size):g}', f'{p}', f'{x:.12f}', *begun])
+
+    return ','.join(['X_Value', 'J_W', 'position_m', *([clock] if clock else [])]) + '\n' + rows(form)
+
+
+@pytest.mark.parametrize(
+    ('size', 'clock', 'said'),
+    [
+        (2, 'Untitled', 'Untitled has a later value in the first row of each.*time_s: {column: Untitled, scale: FACTOR}'),
+        (20, 'clock_ms', 'starts again at 0 9 times in 200 rows.*time_s: {column: clock_ms, scale: 0.001}'),
+        (2, '', 'starts again at 0 99 times in 200 rows, as the time within blocks.*time_s: {interval: SECONDS}'),
+    ],
+)
+def test_a_time_within_blocks_of_samples_is_not_the_time(tmp_path, size, clock, said):
+    with pytest.raises(UserError, match=said):
+        written(tmp_path, blocks(size, clock), 'time_s: {column: X_Value, scale: 1}\n')
+    line = f'{{column: {clock}, scale: 0.001}}' if clock else '{interval: 0.05}'
+    (recording,) = written(tmp_path, blocks(size, clock), f'time_s: {line}\n')
+    assert np.allclose(recording.time, TIME[::size] if clock else TIME)
+
+
+def test_sessions_with_their_number_beside_are_no_blocks(tmp_path):
+    """A number of the session stands in each row."""
+    content = rows(lambda k, _, p, x: f'{0.05 * (k % 20):g},{p},{x:.12f},{k // 20}')
+    assert len(written(tmp_path, 'time_s,J_W,position_m,cycle\n' + content, '')) == 10

@@ -14,10 +14,12 @@ from pathlib import Path
 import numpy as np
 
 from sma_sim.evidence.data.column_map import Origin, column_in_si
-from sma_sim.evidence.data.stated_units import in_yaml
-from sma_sim.model.arrays import Vector
+from sma_sim.evidence.data.stated_units import in_yaml, map_line, stem_and_unit
+from sma_sim.model.arrays import Mask, Vector
 from sma_sim.model.errors import UserError
 
+MIN_BLOCKS = 10  # of samples, each with times of its own
+MAX_ROWS_OF_BLOCK = 5  # on average, fewer than a session has
 Columns = dict[str, Vector]
 
 
@@ -55,6 +57,48 @@ def check_times(
             column, rows_of = origins[name].column, int(known.sum())
             where = f'{path}, column {column}: has values in {rows_of} rows, as {other} has, not in those of {time}'
             raise UserError(f'{where}: {which_time(name, str(column), other, time)}')
+
+
+def check_blocks(
+    path: Path,
+    origins: Mapping[str, Origin],
+    cells: Mapping[str, Vector],
+    unused: Iterable[str],
+    read: Callable[[str], Vector | None],
+) -> None:
+    """Raise UserError where the time counts within blocks of samples only, each of which begins at the same value.
+
+    A block has no more than a few rows, or another column, not taken, says when each began, in its first row. `cells` and
+    `read` as in `check_times`.
+    """
+    time = origins['time_s'].column
+    if time is None:
+        return
+    rows = np.isfinite(cells[time])
+    values = cells[time][rows]
+    begins = np.diff(values, prepend=np.inf) < 0.0
+    if begins.sum() < MIN_BLOCKS or np.ptp(values[begins]) > 0.0:
+        return
+    clock = next((name for name in unused if says_when(read(name), rows, begins)), None)
+    count = int(begins.sum())
+    if clock is None and len(values) > MAX_ROWS_OF_BLOCK * count:
+        return
+    cure = 'if rows are regular, a map says how far apart they are: time_s: {interval: SECONDS}'
+    if clock is not None:
+        line = map_line('time_s', clock, stem_and_unit(clock)[1])
+        cure = f'{clock} has a later value in the first row of each: is it their time? Say so in a map: {line}'
+    raise UserError(
+        f'{path}, column {time}: starts again at {values[0]:g} {count - 1} times in {len(values)} rows, as the time within '
+        f'blocks of samples does; {cure}'
+    )
+
+
+def says_when(values: Vector | None, rows: Mask, begins: Mask) -> bool:
+    """Whether a column has values, which grow, in the `rows` (k,) with a time that begin a block, and in no others."""
+    if values is None:
+        return False
+    known = np.isfinite(values)
+    return bool(np.array_equal(known[rows], begins) and (np.diff(values[known & rows]) > 0.0).all())
 
 
 def check_other_clock(

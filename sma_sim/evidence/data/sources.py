@@ -16,7 +16,7 @@ from sma_sim.evidence.data.assemble import NothingMeasuredError
 from sma_sim.evidence.data.cells import CellLayout, read_cells, text_blocks
 from sma_sim.evidence.data.column_map import ColumnMap, Origin, column_in_si, column_origins
 from sma_sim.evidence.data.foreign_columns import hint_for, hint_for_all, likely_column
-from sma_sim.evidence.data.own_times import at_own_times, check_other_clock, check_times
+from sma_sim.evidence.data.own_times import at_own_times, check_blocks, check_other_clock, check_times
 from sma_sim.evidence.data.recording import ESTIMATE_COLUMN, HIDDEN_COLUMN, NEEDED_COLUMNS, STD_SUFFIX, OfSystems
 from sma_sim.evidence.data.rosbag.bag_files import is_bag
 from sma_sim.evidence.data.rosbag.commands import CommandLimits
@@ -152,6 +152,7 @@ def read_csv_source(path: Path, system: str, mapping: ColumnMap, sheet: str = ''
             notes.append(
                 f'{time} goes on by 1 from row to row, taken as 1 s: if it numbers the rows, a map says how long one lasts'
             )
+    check_blocks(path, origins, cells, unused, partial(numbers_in, layout))
     if unused:
         check_times(path, origins, cells, unused, partial(numbers_in, layout))
         measured = known_structures()[system].channel_columns
