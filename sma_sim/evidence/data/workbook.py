@@ -88,7 +88,7 @@ def workbook_text(path: Path, changed: int, sheet: str = '') -> str:
     if len(full) > 1:
         raise UserError(
             f'{path} has several sheets, {quoted(full)}; expected one: name that of the recording in a map (--map), '
-            f'sheet: {in_yaml(next(iter(full)))}, or several in a list'
+            f'sheet: {in_yaml(next(iter(full)))}, or several in a list, or save it as CSV'
         )
     return next(iter(full.values()), '')
 
