@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import inf, isnan, sqrt
+from math import inf, isfinite, isnan, sqrt
 from typing import Literal
 
 import numpy as np
@@ -372,8 +372,9 @@ def as_fitted(fit: FitResult, context: SearchContext) -> FitResult:
     """A fit of a search under the priors of a fit that asks for its effects: about their defaults, not about no effect.
 
     A search compares models by priors about neutral values. Where data leave values open, these would be the least that
-    explains the fitted runs, which is no estimate of an effect that is there. A noise that was tempered has the size of what
-    the fit leaves: in the end no candidates are compared by their priors.
+    explains the fitted runs, which is no estimate of an effect that is there. Where the likelihood was tempered it counts as
+    the score does, by the overdispersion of what the fit leaves: else values that the data leave open would stay where
+    the search has been.
     """
     problem, declared = fit.problem, declared_parameters(fit.problem.config)
     added = tuple(f'effects.{name}.' for name in fit.effects)
@@ -381,7 +382,8 @@ def as_fitted(fit: FitResult, context: SearchContext) -> FitResult:
         free_parameter(one.name, declared[one.name].default, declared[one.name]) if one.name.startswith(added) else one
         for one in problem.free
     )
-    tempering = max(1.0, fit.error) if problem.tempering > 1.0 else problem.tempering
+    k = overdispersion(problem, fit.z, context.pool) if problem.tempering > 1.0 else 1.0
+    tempering = max(1.0, k) if isfinite(k) else problem.tempering
     problem = replace(problem, free=free, tempering=tempering)
     z = with_values(problem, fit.z, fit.values)
     return replace(fit, problem=problem, z=z, cost=cost_at(problem, z, context.pool))

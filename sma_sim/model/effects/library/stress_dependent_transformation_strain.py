@@ -38,7 +38,7 @@ EFFECT = Effect(
     parameters=(
         Parameter(
             'deficit',
-            0.7,
+            0.9,
             '-',
             (0.0, 1.0),
             '1 - H_min/H_sat: share of eps_T missing without stress',
