@@ -28,7 +28,7 @@ from sma_sim.model.effects.conversion import effect_on
 from sma_sim.model.effects.discovery import EffectError
 from sma_sim.model.effects.effect import Effect
 from sma_sim.model.effects.meaning import FUNCTIONS, POSE, acting_coordinates
-from sma_sim.model.effects.ports import CHANNELS, PORT_MAY_RETURN_ONE, PORT_NAMES, PORT_OUTPUTS, S_POSE, State
+from sma_sim.model.effects.ports import PORT_MAY_RETURN_ONE, PORT_NAMES, PORT_OUTPUTS, S_POSE, State
 from sma_sim.model.parameters import BeamConstants, WireConstants
 from sma_sim.model.structures.module import STRUCTURE as MODULE
 from sma_sim.model.structures.structure import Place, Structure, numbers, record
@@ -53,7 +53,7 @@ class NativeEffect(NamedTuple):
 def native_effect(effect: Effect, on: Structure | None = None) -> NativeEffect:
     """Compile the kernels of an effect, or load them when these very sources were compiled before.
 
-    `on` is the structure where its coordinates or constants are not those of the module (`own_kernels`).
+    `on` is the structure where its coordinates, constants or parameters are not those of the module (`own_kernels`).
 
     An effect in a scope has the kernels of the effect itself. Raises EffectError when a kernel cannot be compiled, or reads
     what is not known yet, or what keeps the wires from sharing its states in a scope where they do.
@@ -65,6 +65,8 @@ def native_effect(effect: Effect, on: Structure | None = None) -> NativeEffect:
         on = MODULE
     if on is not None and (plain.by_channel or plain.each_bundle or plain.in_space or plain.kernels):
         plain = effect_on(plain, on)
+        if plain.by_channel and [p.name for p in plain.parameters] != [p.name for p in effect.parameters]:
+            plain = plain.derived(parameters=effect.parameters)  # in a scope of another bench, or saved by another version
     called = [function_of(on, name) for name in FUNCTIONS] if on else []
     functions = (plain.kernel, plain.rate, plain.start, *called)
     return _native_effect(plain, on, functions, code_of(*functions))
@@ -107,10 +109,11 @@ def outputs_of(effect: Effect, kinds: KernelTypes) -> int:
 
 
 def own_kernels(effect: Effect, structure: Structure) -> bool:
-    """Whether the kernels of an effect are compiled for this structure, as they take its coordinates or constants."""
+    """Whether the kernels of an effect are compiled for this structure, as they take its coordinates or constants, or have
+    parameters of its channels."""
     if effect.needs or any(each.numbers(structure.wires) for each in effect.each_bundle):
         return True
-    if effect.by_channel and not set(structure.channels[: -structure.wires]) <= set(CHANNELS):
+    if effect.by_channel and effect.structure.name != MODULE.name:
         return True
     if structure.coordinate_names == POSE or not structure.coordinates:
         return False
@@ -135,7 +138,8 @@ def kernel_types(effect: Effect, structure: Structure | None) -> KernelTypes:
     structural = effect.port == 'structure_force'
     if structure is None:
         return KernelTypes(State, BeamConstants if structural else WireConstants, MODULE)
-    own = ('q', 'dq', *(('f', 'k') if 'spring' in effect.needs else ())) if effect.needs else pose_fields(structure)
+    posed = structure if structure.coordinates else MODULE  # whose pose is 0 where there are no coordinates
+    own = ('q', 'dq', *(('f', 'k') if 'spring' in effect.needs else ())) if effect.needs else pose_fields(posed)
     state = record('State', (*State._fields[:S_POSE], *own))
     constants = type(structure.default_constants) if structural else WireConstants
     return KernelTypes(state, constants, structure, acting_coordinates(effect.needs, structure))

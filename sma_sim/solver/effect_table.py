@@ -149,7 +149,7 @@ def as_on(active: ActiveEffect, structure: Structure) -> ActiveEffect:
     """
     declared, values = active.effect, active.by_short_name
     if declared.by_channel:
-        if declared.structure is structure or declared.scope.name or not structure.coordinates:
+        if declared.structure is structure or declared.scope.name:
             return active
         own = effect_on(active.effect, structure)
         likes = {p.name: like_of(declared, p.name, structure) for p in own.parameters if p.name in structure.channels}

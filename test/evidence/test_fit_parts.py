@@ -83,6 +83,16 @@ def test_parameters_of_active_effects_are_free_within_their_bounds():
     assert [parameter.log for parameter in free] == [False, True]
 
 
+def test_parameters_of_channels_that_nothing_measures_are_not_free():
+    sensed = Config(effects=(active('sensor_drift'), active('gravity')))
+    free, held = choose_free(sensed, None, ('alpha', 'F_1'))
+    of_effects = [one.name.removeprefix('effects.') for one in free if one.name.startswith('effects.')]
+    assert of_effects == [f'sensor_drift.{name}' for name in ('alpha', 'F_1', 'k')] + ['gravity.g_y', 'gravity.g_x']
+    assert not held
+    free, held = choose_free(sensed, ['wire.E_A', 'effects.sensor_drift.stress'], ('alpha',))
+    assert [one.name for one in free] == ['wire.E_A'] and [one.reason for one in held] == ['no stress is measured']
+
+
 def test_every_channel_is_shown_by_one_sensor_of_its_system():
     """Seven on the module, two on the wire."""
     module, wire = Config(), Config(system='wire')

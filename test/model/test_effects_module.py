@@ -9,6 +9,7 @@ from systems import active, make_model, random_state
 
 from sma_sim import Input, find_effects, simulate
 from sma_sim.model.effects.conversion import effect_on
+from sma_sim.model.effects.discovery import ActiveEffect
 from sma_sim.model.effects.meaning import acts_on
 from sma_sim.model.effects.ports import State
 from sma_sim.model.structures.discovery import package_structures
@@ -182,6 +183,10 @@ def test_load_cell_of_the_wire():
     )
     assert shown['stress_Pa'] == pytest.approx(0.9 * truth['stress_Pa'] + 3e6, rel=1e-12)
     assert (shown['T_K'] == truth['T_K']).all()
+    bias, wire = find_effects()['sensor_bias'], package_structures()['wire']
+    saved = effect_on(bias, wire).derived(parameters=bias.parameters)  # by a version in which it had those of the module
+    shown = simulate(make_model('wire', effects=[ActiveEffect(saved, (0.1, 0.2, 0.3, 3e6))]), source, times)
+    assert shown['stress_Pa'] == pytest.approx(truth['stress_Pa'] + 3e6, rel=1e-12)
 
 
 def test_turned_camera_turns_the_picture():

@@ -13,6 +13,7 @@ from sma_sim.cli.main import main
 from sma_sim.evidence.estimation.injection_points import small_force
 from sma_sim.model.effects.conversion import effect_on, pull_of
 from sma_sim.model.effects.discovery import ActiveEffect, effects_on
+from sma_sim.model.effects.effect import kind_of
 from sma_sim.model.effects.meaning import acts_on
 from sma_sim.model.layout import O_DEPS, O_DX, O_EPS, O_F, O_J, O_RATIO, O_SIGMA, O_STRAIN, O_V, O_X
 from sma_sim.model.material import internal_energy, latent_heat
@@ -250,6 +251,30 @@ def test_sensors_are_off_by_a_part_of_the_usual_change(system):
     plain = gain.parameters[1]
     for found in effect_on(gain, structure).parameters:
         assert (found.default, found.bounds, found.realistic) == (plain.default, plain.bounds, plain.realistic)
+
+
+@pytest.mark.parametrize('name', sorted(package_structures()))
+def test_sensors_have_parameters_of_the_channels_of_their_structure_alone(name):
+    """Of each channel one; the module's declaration has that of the load cell of a single wire beside its own."""
+    structure = package_structures()[name]
+    if name == 'module':
+        return
+    for one in find_effects().values():
+        if one.by_channel and acts_on(one, structure):
+            own = effect_on(one, structure)
+            of_channels = {p.name for p in own.parameters} - {p.name for p in own.shared_parameters}
+            assert of_channels in ({*own.channels}, {kind_of(c) or c for c in own.channels}), one.name
+            assert own.shared_parameters == one.shared_parameters
+
+
+def test_a_drift_ends_on_the_bench_of_a_module_too():
+    """k is the last parameter on every bench, however many channels come before it."""
+    config = read_config(words=['system=module', 'bench.temperature=prescribed'], effects=['sensor_drift:alpha=1e-3,k=0.2'])
+    bare = read_config(words=['system=module', 'bench.temperature=prescribed'])
+    columns, times = bare.structure.input_columns, np.linspace(0.0, 20.0, 5)
+    source = Input(np.array([0.0, 20.0]), np.full((2, len(columns)), 298.0), (False,) * len(columns), columns)
+    shown, truth = (simulate(one, source, times)['alpha_rad'] for one in (config, bare))
+    assert shown - truth == pytest.approx(1e-3 * (1.0 - np.exp(-0.2 * times)) / 0.2, rel=1e-6, abs=1e-9)
 
 
 def test_effects_of_a_structure_are_listed(capsys):

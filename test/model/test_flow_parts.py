@@ -200,11 +200,13 @@ def test_offsets_by_channel_reach_the_coordinates_in_the_same_unit(system):
     structure = package_structures()[system]
     given = active('sensor_bias', U_x=1.0, U_y=2.0, alpha=3.0, stress=4.0)
     found = as_on(given, structure)
-    if system in ('module', 'wire'):
+    if system == 'module':
         assert found.values == given.values
     else:
-        assert found.values == tuple({'m': 2.0, 'rad': 3.0}[c.unit] for c in structure.coordinates)
-        own = ActiveEffect(effect_on(given.effect, structure), tuple(range(len(structure.coordinates))))
+        units = {c.name: c.unit for c in structure.coordinates} or {'stress': 'Pa'}
+        assert [p.name for p in found.effect.parameters] == [*units]
+        assert found.values == tuple({'m': 2.0, 'rad': 3.0, 'Pa': 4.0}[unit] for unit in units.values())
+        own = ActiveEffect(effect_on(given.effect, structure), tuple(range(len(units))))
         assert as_on(own, structure).values == own.values
     lag, gravity = active('sensor_lag'), active('gravity')
     assert as_on(lag, structure) is lag

@@ -237,7 +237,10 @@ def test_kernels_are_compiled_for_a_structure_where_they_read_its_coordinates():
         if not effect.needs and not effect.by_channel and effect.port == 'wire_heat':
             assert not own_kernels(effect, lever), name
         if effect.by_channel or effect.port == 'structure_force':
-            assert own_kernels(effect, lever), name
+            assert own_kernels(effect_on(effect, lever), lever), name
+    wire = FOUND['wire']
+    state = kernel_types(effect_on(EFFECTS['sensor_bias'], wire), wire).state
+    assert {'value', *POSE} <= {*state._fields}  # of a structure without coordinates it is zero
 
 
 def test_limits_of_joints_bear_what_the_wires_can_pull():

@@ -111,6 +111,10 @@ def why_unidentifiable(name: str, config: Config, measured: Collection[str] | No
     """
     if name in RESISTIVITY_NAMES and measured is not None and not any(map(is_resistance, measured)):
         return 'no resistance is measured'
+    for effect in (active.effect for active in config.effects):
+        own = name.removeprefix(f'effects.{effect.name}.')
+        if own != name and measured is not None and not effect.is_seen(own, measured):
+            return f'no {own} is measured'
     if name in KINETICS_NAMES and config.simulated_kinetics == 'hybrid':
         return 'the hybrid model has no kinetics'
     if not config.structure.coordinates and (name.startswith(('beam.', 'plate.')) or name == 'wire.n'):
@@ -187,17 +191,19 @@ def default_width(name: str, declared: Parameter) -> float:
 
 
 def choose_free(
-    config: Config, names: Iterable[str] | None = None, measured: Collection[str] = ()
+    config: Config, names: Iterable[str] | None = None, measured: Collection[str] | None = None
 ) -> tuple[tuple[FreeParameter, ...], tuple[FixedParameter, ...]]:
-    """The parameters to fit (None: the default ones and all of the active effects'), and those requested that stay fixed.
+    """The parameters to fit (None: the default ones and all of the active effects' that such data can see), and those
+    requested that stay fixed.
 
-    `measured`: names of the channels that there are.
+    `measured`: names of the channels that there are; None: nobody has said.
     Raises UserError for a name that no fit can change.
     """
     declared, values = declared_parameters(config), config.values
     if names is None:
         effects = [name for name in declared if name.startswith('effects.')]
-        names = [*default_names(config, measured), *effects]
+        seen = [name for name in effects if not why_unidentifiable(name, config, measured)]
+        names = [*default_names(config, measured or ()), *seen]
     requested = list(dict.fromkeys(names))
     for name in requested:
         if name not in declared:
@@ -208,7 +214,7 @@ def choose_free(
             )
     fixed = [FixedParameter(name, why) for name in requested if (why := why_unidentifiable(name, config, measured))]
     left = remaining(requested, fixed)
-    for equivalence in equivalences(config, measured):
+    for equivalence in equivalences(config, measured or ()):
         if equivalence.fixed in left and set(equivalence.free) <= set(left):
             fixed.append(FixedParameter(equivalence.fixed, equivalence.reason))
             left = remaining(requested, fixed)

@@ -17,10 +17,12 @@ from sma_sim.model.arrays import Vector
 def with_candidate(base: FitResult, screened: ScreeningResult) -> tuple[Problem, Vector]:
     """The problem with one more effect, and where to start: the fit without it and what the screening found."""
     problem, effect = base.problem, screened.candidate.effect
-    config = with_effect(problem.config, screened.candidate.effect, {})
+    config, measured = with_effect(problem.config, effect, {}), {channel for run in problem.runs for channel in run.channels}
     declared, neutral, at = declared_parameters(config), config.values, len(problem.free)
     start = {
-        f'effects.{effect.name}.{p.name}': screened.values[p.name] for p in effect.parameters if p.name in screened.values
+        f'effects.{effect.name}.{p.name}': screened.values[p.name]
+        for p in effect.parameters
+        if p.name in screened.values and effect.is_seen(p.name, measured)
     }
     new = [free_parameter(name, neutral[name], declared[name]) for name in start]
     larger = replace(problem, config=config, free=(*problem.free, *new))

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
-from sma_sim.model.effects.effect import Effect, kind_of
+from sma_sim.model.effects.effect import WIRE_CHANNELS, Effect, kind_of
 from sma_sim.model.effects.meaning import acting_coordinates, acts_on, channel_slots
 from sma_sim.model.effects.ports import PORT_NAMES, SENSING
 from sma_sim.model.parameters import Parameter, wire_constants
@@ -48,10 +48,12 @@ def effect_on(effect: Effect, structure: Structure, values: Mapping[str, float] 
     if effect.port == PORT_NAMES[SENSING]:
         slots = zip(structure.channels, channel_slots(effect, structure), strict=True)
         moved = moved.derived(channels=tuple(channel for channel, slot in slots if slot >= 0))
-    if not structure.coordinates or not acts_on(effect, structure):
+    if not acts_on(effect, structure):
         return moved
     if effect.by_channel:
         return moved.derived(parameters=parameters_of_channels(effect, structure, known))
+    if not structure.coordinates:
+        return moved
     parameters = (*effect.parameters, *more_parameters(effect, structure))
     if effect.needs:
         at = acting_coordinates(effect.needs, structure)[0]
@@ -132,7 +134,8 @@ def like_name(channel: str, structure: Structure) -> str:
     units = {coordinate.name: coordinate.unit for coordinate in structure.coordinates}
     if channel in units:
         return SHOWN.get(units[channel], OTHERWISE)
-    return f'{kind_of(channel)}_1' if kind_of(channel) else f'{channel}_1'
+    kind = kind_of(channel) or channel
+    return f'{kind}_1' if kind in WIRE_CHANNELS else channel
 
 
 def like_of(effect: Effect, channel: str, structure: Structure) -> Parameter | None:
