@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import isfinite, nan
 from typing import Any
 
-from sma_sim.evidence.estimation.calibrate import Calibration
+from sma_sim.evidence.estimation.calibrate import UNMOVED, Calibration
 from sma_sim.evidence.estimation.held_out_prediction import RunFit
 from sma_sim.evidence.estimation.recording_differences import CONVECTION, LENGTH, SUPPLY
 from sma_sim.evidence.estimation.uncertainty import Interval
@@ -29,21 +29,35 @@ def offset_sentences(found: Calibration) -> list[str]:
 
 def ambient_sentence(found: Calibration) -> str:
     """The ambient temperature of each recording where that was not known; empty where it was."""
-    shown = ', '.join(f'{run.name} {run.ambient:+.2f}' for run in found.runs if run.ambient_std > 0.0)
-    return f'ambient temperature above that of the recording, estimated for each [K]: {shown}' if shown else ''
+    own = {run.name: run.ambient for run in found.runs if run.ambient_std > 0.0}
+    moved = {name: f'{value:+.2f}' for name, value in own.items() if abs(value) >= UNMOVED}
+    return own_sentence(own, moved, 'ambient temperature', ' above that of the recording, estimated for each [K]')
 
 
 def factor_sentences(found: Calibration) -> list[str]:
     """What each recording had another one of, a sentence for each parameter."""
-    by_parameter: dict[str, list[str]] = {}
+    by_parameter: dict[str, dict[str, float]] = {}
     for run in found.runs:
         for parameter, factor in run.factors:
-            by_parameter.setdefault(parameter, []).append(f'{run.name} {factor:.4g}')
+            by_parameter.setdefault(parameter, {})[run.name] = factor
     words = {one.parameter: one.words for one in (CONVECTION, LENGTH, SUPPLY)}
-    return [
-        f'{words.get(parameter, parameter)}, estimated for each recording as a factor: {", ".join(shown)}'
-        for parameter, shown in by_parameter.items()
-    ]
+    sentences = []
+    for parameter, own in by_parameter.items():
+        moved = {name: f'{factor:.4g}' for name, factor in own.items() if abs(factor - 1.0) >= UNMOVED}
+        how = ', estimated for each recording as a factor'
+        sentences.append(own_sentence(own, moved, words.get(parameter, parameter), how))
+    return sentences
+
+
+def own_sentence(names: Collection[str], moved: Mapping[str, str], what: str, how: str) -> str:
+    """What recordings had their own of, for those in which it `moved` from the middle of its prior; in the others of `names`
+    nothing that was measured depends on it. Empty without any."""
+    shown = f'{what}{how}: {", ".join(f"{name} {value}" for name, value in moved.items())}'
+    idle = [name for name in names if name not in moved]
+    if not idle:
+        return shown if moved else ''
+    words = f'nothing that was measured in {joined_words(idle)} depends on it'
+    return f'{shown}; {words}' if moved else f'{what}, asked for as another one in each recording: {words}, leave it out'
 
 
 @dataclass(frozen=True)

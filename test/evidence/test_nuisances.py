@@ -1,6 +1,7 @@
 """What belongs to a bench is estimated under its priors, reported, and no finding: drifts, scale of power, lags, grips."""
 
 import json
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +13,9 @@ from sma_sim.evidence.data.tables import read_columns, write_columns
 from sma_sim.evidence.estimation.calibrate import problem_for
 from sma_sim.evidence.estimation.held_out_prediction import evaluate_held_out
 from sma_sim.evidence.estimation.prepared_fit import prepare
+from sma_sim.evidence.estimation.recording_differences import AMBIENT, LENGTH, with_differences
 from sma_sim.solver.inputs import inputs_at
-from sma_sim.words.nuisances import ambient_sentence, nuisance_data, nuisance_sentences
+from sma_sim.words.nuisances import ambient_sentence, factor_sentences, nuisance_data, nuisance_sentences
 
 ALLOY = (
     'wire.E_A=4e10',
@@ -223,6 +225,33 @@ def test_a_nuisance_that_acts_on_nothing_measured_is_said(tmp_path):
     dataset = dataset_of([path], 'nuisances: {thermometer_lag: {tau: 0.5}}', 'wire_at_T', {'stress': 1e5})
     with pytest.warns(PhysicsWarning, match='thermometer_lag acts on nothing that these recordings measure'):
         calibrate(dataset, read_config(words=ISOTHERM), FitOptions(('wire.E_A',), 'hybrid', starts=1, intervals=False))
+
+
+@pytest.mark.parametrize('column', ['strain', 'T_K'])
+def test_the_zero_of_what_is_imposed_is_said_to_be_taken_as_it_is(column, tmp_path):
+    path, t = tmp_path / 'pull.csv', np.linspace(0.0, 50.0, 101)
+    write_columns(path, {'time_s': t, 'strain': 1e-4 * t, 'T_K': 300.0 + t, 'stress_Pa': 1e6 * t})
+    mapping = f'{column}: {{column: {column}, zero_std: 1e-3}}'
+    with pytest.warns(PhysicsWarning, match=rf'{column}: it is imposed in pull, .* correct its zero in the file'):
+        dataset_of([path], mapping, 'wire_at_T', {'stress': 1e5})
+    with warnings.catch_warnings():
+        warnings.simplefilter('error', PhysicsWarning)
+        dataset_of([path], 'stress_Pa: {column: stress_Pa, zero_std: 1e6}', 'wire_at_T', {'stress': 1e5})
+
+
+def test_what_nothing_measured_depends_on_is_said_not_to_differ(tmp_path):
+    """At an imposed temperature and strain neither the room nor the length; of one recording of two, that one is named."""
+    path, t = tmp_path / 'pull.csv', np.linspace(0.0, 50.0, 101)
+    write_columns(path, {'time_s': t, 'strain': 1e-4 * t, 'T_K': np.full(101, 350.0), 'stress_Pa': 4e6 * t})
+    dataset = with_differences(dataset_of([path], '', 'wire_at_T', {'stress': 1e5}), (AMBIENT, LENGTH))
+    options = FitOptions(('wire.E_A',), 'hybrid', starts=1, intervals=False)
+    found = calibrate(dataset, read_config(words=ISOTHERM), options)
+    for said in (ambient_sentence(found), *factor_sentences(found)):
+        assert said.endswith('nothing that was measured in pull depends on it, leave it out') and '+0.00' not in said
+    (run,) = found.runs
+    warm = replace(found, runs=(run, replace(run, name='hot', ambient=2.0, factors=(('wire.l0', 1.01),))))
+    assert ambient_sentence(warm).endswith('[K]: hot +2.00; nothing that was measured in pull depends on it')
+    assert factor_sentences(warm)[0].endswith('as a factor: hot 1.01; nothing that was measured in pull depends on it')
 
 
 def test_they_are_told_apart(tmp_path):

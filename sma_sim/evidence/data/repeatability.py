@@ -7,7 +7,8 @@ are independent, each with noise and floor together, and priors keep the weight 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import warnings
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from math import hypot, sqrt
@@ -18,7 +19,8 @@ from sma_sim.evidence.data.column_map import INDEPENDENT_AFTER, ColumnMap
 from sma_sim.evidence.data.display_units import in_display_unit
 from sma_sim.evidence.data.recording import Dataset, Recording
 from sma_sim.model.arrays import Vector
-from sma_sim.model.errors import UserError
+from sma_sim.model.errors import PhysicsWarning, UserError
+from sma_sim.model.shown import joined_words
 
 SAME_COMMAND = 0.02  # of the energy that was commanded: two recordings repeat each other as long as it differs by less
 AMBIENT = 'T_E_K'  # the column whose zero is that of the ambient temperature of each recording
@@ -48,6 +50,7 @@ def with_bench(dataset: Dataset, mapping: ColumnMap) -> Dataset:
                 f'the map {mapping.path}, {name}: zero_std, drift_std and floor belong to measured columns, expected some '
                 f'of {", ".join(channels)}'
             )
+    warn_of_imposed(stated, channels, dataset.recordings, mapping)
     measured = {channel for recording in dataset.recordings for channel in recording.channels}
     zeros = {channels[name]: entry.zero_std for name, entry in stated.items() if entry.zero_std}
     floor = {channels[name]: entry.floor for name, entry in stated.items() if entry.floor and channels[name] in measured}
@@ -80,6 +83,23 @@ def with_bench(dataset: Dataset, mapping: ColumnMap) -> Dataset:
     notes.append(f'repeats differ by {words}, which counts as noise: one sample in {mapping.independent_after:g} s is kept')
     kept = tuple(thinned(recording, mapping.independent_after) for recording in recordings)
     return replace(dataset, recordings=kept, noise_std=noise, notes=tuple(notes), floor=floor)
+
+
+def warn_of_imposed(
+    stated: Collection[str], channels: Mapping[str, str], recordings: Iterable[Recording], mapping: ColumnMap
+) -> None:
+    """Warn of columns whose zero, drift or floor a map states, and which recordings have as what their bench imposes."""
+    for name in stated:
+        imposing = [
+            one.name for one in recordings if channels[name] not in one.channels and name in one.structure.input_columns
+        ]
+        if imposing:
+            words = (
+                f'the map {mapping.path}, {name}: it is imposed in {joined_words(imposing)}, and zero_std, drift_std and '
+                'floor act on what is measured. What is imposed is taken as it is: correct its zero in the file, or with an '
+                'offset in the map'
+            )
+            warnings.warn(words, PhysicsWarning, stacklevel=4)
 
 
 def channels_in(recordings: Iterable[Recording]) -> dict[str, str]:
