@@ -56,6 +56,7 @@ def as_data(diagnosis: Diagnosis, file: Path | None = None) -> dict[str, Any]:
             'intervals': intervals_of(diagnosis),
             'implausible': [implausible_data(parameter) for parameter in diagnosis.calibration.implausible],
             'implausible_nominal': [implausible_data(parameter) for parameter in diagnosis.implausible],
+            'unusual': [implausible_data(parameter) for parameter in diagnosis.calibration.unusual],
             'nuisances': nuisance_data(diagnosis.calibration, diagnosis.findings),
             'differences': differences(diagnosis),
             'by_recording': by_run_data(diagnosis.calibration.by_run),

@@ -20,6 +20,7 @@ from sma_sim.model.shown import joined_words
 from sma_sim.words.diagnosis_data import above_first, amounts, models, probabilities, wires_at_beginning
 from sma_sim.words.fit_remarks import (
     agreement_sentence,
+    beyond_sentences,
     implausible_sentence,
     misfit_sentence,
     other_minima,
@@ -187,6 +188,7 @@ def remarks(diagnosis: Diagnosis) -> Iterator[str]:
     yield from difference_lines(diagnosis)
     yield from removed_lines(diagnosis)
     yield from implausible_lines(diagnosis)
+    yield from beyond_sentences(diagnosis.calibration)
     yield from nuisance_sentences(diagnosis.calibration, diagnosis.findings)
     if (sentence := ambient_sentence(diagnosis.calibration)) and not any(one.ambient for one in diagnosis.differences):
         yield sentence

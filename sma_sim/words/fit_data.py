@@ -46,6 +46,8 @@ def fit_result_data(found: Calibration, predicted: Sequence[RunFit], dataset: Da
         'at_bound': found.at_bound,
         'limits': [asdict(limit) | {'text': limit.text} for limit in found.limits],
         'implausible': [implausible_data(parameter) for parameter in found.implausible],
+        'unusual': [implausible_data(parameter) for parameter in found.unusual],
+        'improbable_offsets': [asdict(offset) | {'text': offset.text} for offset in found.improbable_offsets],
         'by_recording': by_run_data(found.by_run),
         'held': {parameter.name: parameter.reason for parameter in found.fixed},
         'other_starts': [dict(vars(start)) for start in found.other_starts],

@@ -7,6 +7,7 @@ from math import isnan
 
 from sma_sim.evidence.estimation.calibrate import FINAL_RTOL, Calibration
 from sma_sim.evidence.estimation.fit_result import OtherStart
+from sma_sim.evidence.estimation.free_parameters import GIVEN_STDS
 from sma_sim.evidence.estimation.log_evidence import DECISIVE
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter
 from sma_sim.evidence.estimation.run_estimates import DISAGREE, MIN_P, ParameterByRun, disagreement
@@ -32,6 +33,7 @@ def remarks_on(found: Calibration) -> list[str]:
     remarks += [limit.text for limit in found.limits]
     remarks += [f'{parameter.name} was kept fixed: {parameter.reason}' for parameter in found.fixed]
     remarks += [implausible_sentence(found.implausible)] if found.implausible else []
+    remarks += beyond_sentences(found)
     remarks += [sentence] if (sentence := agreement_sentence(found.by_run, found.error > MISFIT)) else []
     remarks += [starts_sentence(found.other_starts) or ONE_START, *other_minima(found)]
     remarks.append(kinetics_sentence(found.config, found.kinetics))
@@ -148,6 +150,22 @@ def implausible_sentence(found: Sequence[ImplausibleParameter]) -> str:
         'something, and its intervals need not hold the true values, or its nominal values are not those of this '
         f'robot{material_hint(found)}.'
     )
+
+
+def beyond_sentences(found: Calibration) -> list[str]:
+    """What ended where it is hardly true, and what that means: parameters that no data hold, and offsets of recordings."""
+    sentences = []
+    if found.unusual:
+        shown = ', '.join(one.text for one in found.unusual)
+        cure = 'keep known ones (--set, and without them in --free), or record what shows them'
+        sentences.append(f'Not usual, and hardly determined by these data: {shown}. Do not use these values: {cure}')
+    if found.improbable_offsets:
+        shown = '; '.join(one.text for one in found.improbable_offsets)
+        means = 'The model is probably missing something for which they make up, or what was stated is wrong'
+        sentences.append(
+            f'Farther than {GIVEN_STDS:g} standard deviations from what is stated of recordings: {shown}. {means}'
+        )
+    return sentences
 
 
 def material_hint(found: Sequence[ImplausibleParameter]) -> str:

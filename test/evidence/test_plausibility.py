@@ -1,21 +1,22 @@
 """Parameters that a fit moved out of their plausible range: found where data insist on them, and only there."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from simulated_data import config, dataset, scaled
 
-from sma_sim import FitOptions, calibrate, find_effects
+from sma_sim import Config, FitOptions, calibrate, find_effects
 from sma_sim.evidence.diagnosis.diagnose import diagnose
 from sma_sim.evidence.estimation.free_parameters import choose_free
-from sma_sim.evidence.estimation.plausibility import implausible_parameters
+from sma_sim.evidence.estimation.plausibility import implausible_of, implausible_parameters, improbable_offsets, unusual_of
 from sma_sim.evidence.model_selection.candidates import with_effect
 from sma_sim.evidence.model_selection.nominal_fit import DiagnosisRequest
 from sma_sim.words.diagnosis_data import as_data
 from sma_sim.words.diagnosis_text import as_text
 from sma_sim.words.fit_data import fit_result_data
-from sma_sim.words.fit_remarks import remarks_on
+from sma_sim.words.fit_remarks import beyond_sentences, remarks_on
 
 FREE = ('wire.lambda', 'wire.E_A', 'wire.E_M')
 
@@ -50,6 +51,49 @@ def test_an_effect_is_judged_by_its_realistic_range():
     assert not found_at(given, {name: high}, 1e-3, (name,)) and not found_at(given, {name: low}, 1e-3, (name,))
     beyond = found_at(given, {name: high + 0.3 * (high - low)}, 1e-3, (name,))
     assert [implausible.reason for implausible in beyond] == ['realistic'] and 'realistic: ' in beyond[0].text
+
+
+def single_wire_fit(values, std, kept=None):
+    """A fit of a single wire that ended at these values (SI), all known to `std` in the coordinate of the fit."""
+    base = Config(system='wire_at_T')
+    free, _ = choose_free(base, [*values])
+    z = np.array([one.coordinate(values[one.name]) for one in free])
+    fitted = base.variant({one.name: one.value(float(x)) for one, x in zip(free, z, strict=True)})
+    intervals = [SimpleNamespace(std=std * one.scale, seen=kept != one.name) for one in free]
+    known = SimpleNamespace(intervals=intervals, correlation=np.eye(len(free)))
+    return SimpleNamespace(config=fitted, z=z, problem=SimpleNamespace(free=free, material='superelastic')), known
+
+
+@pytest.mark.parametrize('kept', ['wire.eps_T', None])
+def test_unusual_values_that_data_hardly_determine_are_said_and_no_sign_of_what_is_missing(kept):
+    """Of an interval that holds usual values too, and of one that the data do not see; usual ones are not named."""
+    fit, known = single_wire_fit({'wire.E_A': 5e10, 'wire.eps_T': 0.3, 'wire.sigma_T': 2.6e7}, 4.0, kept)
+    assert not implausible_of(fit, known)
+    assert [one.name for one in unusual_of(fit, known)] == ['wire.eps_T', 'wire.sigma_T']
+    assert 'wire.eps_T 0.3 (superelastic NiTi: 0.02 to ' in unusual_of(fit, known)[0].text
+    assert not unusual_of(fit, None)
+
+
+def test_an_unusual_value_that_data_determine_is_implausible_alone():
+    fit, known = single_wire_fit({'wire.E_A': 5e10, 'wire.eps_T': 0.3}, 1e-3)
+    assert [one.name for one in implausible_of(fit, known)] == ['wire.eps_T'] and not unusual_of(fit, known)
+
+
+def test_offsets_of_recordings_far_from_what_was_stated_are_said():
+    """A room that is five standard deviations from what was said of it; others within three are not named."""
+    run = SimpleNamespace(channels=('stress', 'T'), zero_std=(1e6, 0.0), drift_std=(0.0, 0.0))
+    near = SimpleNamespace(name='near', ambient=-8.0, ambient_std=3.0, zeros={'stress': 2e6}, drifts={})
+    far = SimpleNamespace(name='far', ambient=15.0, ambient_std=3.0, zeros={'stress': -3.5e6}, drifts={})
+    rest = SimpleNamespace(name='rest', ambient=0.0, ambient_std=0.0, zeros={}, drifts={})
+    plain = SimpleNamespace(channels=('stress', 'T'), zero_std=(), drift_std=())
+    found = improbable_offsets((run, run, plain), (near, far, rest))
+    assert [one.text for one in found] == [
+        'ambient temperature (known to 3 K): far +15',
+        'zero of stress (known to 1e+06): far -3.5e+06',
+    ]
+    (unusual, offsets) = beyond_sentences(SimpleNamespace(unusual=found[:1], improbable_offsets=found))
+    assert 'Do not use these values' in unusual and 'known to 3 K): far +15; zero of stress' in offsets
+    assert not beyond_sentences(SimpleNamespace(unusual=(), improbable_offsets=()))
 
 
 @pytest.mark.slow

@@ -37,7 +37,13 @@ from sma_sim.evidence.estimation.held_out_prediction import RunFit, mean_error, 
 from sma_sim.evidence.estimation.levenberg_marquardt import minimize
 from sma_sim.evidence.estimation.log_evidence import DECISIVE, kinetics_probabilities, log_evidences
 from sma_sim.evidence.estimation.overdispersion import overdispersion
-from sma_sim.evidence.estimation.plausibility import ImplausibleParameter, implausible_of
+from sma_sim.evidence.estimation.plausibility import (
+    ImplausibleParameter,
+    ImprobableOffset,
+    implausible_of,
+    improbable_offsets,
+    unusual_of,
+)
 from sma_sim.evidence.estimation.prepared_fit import PreparedFit, check_data, check_kinetics, prepare
 from sma_sim.evidence.estimation.problem import (
     AMBIENT,
@@ -183,6 +189,10 @@ class Calibration(Shown, Saved):
         95 % intervals, correlations, and directions that the data leave undetermined.
     implausible : tuple of ImplausibleParameter
         Parameters that left their plausible range, where intervals are known.
+    unusual : tuple of ImplausibleParameter
+        Others whose values are outside of what is realistic, or usual of their material, which these data hardly determine.
+    improbable_offsets : tuple of ImprobableOffset
+        What recordings have their own of that ended far from what was stated of it.
     by_run : tuple of ParameterByRun
         What each recording says of every parameter, where intervals are known.
     kinetics : mapping
@@ -216,6 +226,8 @@ class Calibration(Shown, Saved):
     uncertainty: Uncertainty | None
     seconds: float
     implausible: tuple[ImplausibleParameter, ...] = ()
+    unusual: tuple[ImplausibleParameter, ...] = ()
+    improbable_offsets: tuple[ImprobableOffset, ...] = ()
     by_run: tuple[ParameterByRun, ...] = ()
     kinetics: Mapping[str, float] = field(default_factory=dict)
     limits: tuple[LimitReached, ...] = ()
@@ -575,6 +587,7 @@ def final_calibration(dataset: Dataset, fit: FitResult, options: FitOptions, con
         interrupted=context.stop.is_set(),
         seconds=time.perf_counter() - t_start,
         implausible=implausible_of(last, known),
+        unusual=unusual_of(last, known),
         by_run=by_run,
     )
 
@@ -625,6 +638,7 @@ def calibration_of(fit: FitResult, context: SearchContext) -> Calibration:
         uncertainty=None,
         seconds=0.0,
         limits=reached,
+        improbable_offsets=improbable_offsets(fit.problem.runs, runs),
         rtol=fit.problem.config.parameters['solver.rtol'],
         errors_of_constants=errors_of_constants(fit.problem),
         sampling_interval=min(float(np.median(np.diff(run.time))) if len(run.time) > 1 else inf for run in fit.problem.runs),

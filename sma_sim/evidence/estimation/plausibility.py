@@ -4,19 +4,25 @@ Plausible is the realistic range of an effect's parameter, and for all others a 
 for lengths and temperatures; three standard deviations where these were given). What data hardly determine may lie anywhere,
 so that a parameter counts only if its whole 95 % interval is outside. A single wire may be of any make: what literature
 calls usual of its material is plausible too, and where its transformation begins is its own matter.
+
+Values that no data hold are no sign of what the model lacks, yet a model runs with them: where one is outside of what is
+realistic, or usual of the material, that is said on its own. So is what a recording has its own of, such as its ambient
+temperature, where it ended far from what was stated of it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import log, sqrt
 
 import numpy as np
 
 from sma_sim.evidence.estimation.fit_result import FitResult
-from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, FreeParameter, declared_parameters
+from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, GIVEN_STDS, FreeParameter, declared_parameters
+from sma_sim.evidence.estimation.held_out_prediction import RunFit
 from sma_sim.evidence.estimation.problem import normal_parts
+from sma_sim.evidence.estimation.residuals import FitData
 from sma_sim.evidence.estimation.search_context import SearchContext
 from sma_sim.evidence.estimation.uncertainty import GAUSS_95, Uncertainty
 from sma_sim.model.arrays import Matrix, Vector
@@ -60,6 +66,25 @@ class ImplausibleParameter:
         return f'{self.name} {self.value:.4g} instead of {self.nominal:.4g}{unit}'
 
 
+@dataclass(frozen=True)
+class ImprobableOffset:
+    """An offset of recordings, `values` by recording (SI), more than three standard deviations `std` from what was stated.
+
+    `name`: ``ambient``, or ``zero.`` or ``drift.`` with a channel.
+    """
+
+    name: str
+    std: float
+    values: Mapping[str, float]
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        kind, _, channel = self.name.partition('.')
+        what, unit = (f'{kind} of {channel}', '') if channel else ('ambient temperature', ' K')
+        return f'{what} (known to {self.std:.3g}{unit}): {", ".join(f"{run} {x:+.3g}" for run, x in self.values.items())}'
+
+
 def implausible_parameters(
     config: Config, free: Sequence[FreeParameter], z: Vector, covariance: Matrix, material: str = ''
 ) -> tuple[ImplausibleParameter, ...]:
@@ -67,20 +92,40 @@ def implausible_parameters(
 
     `config` has the fitted values; `material`: of the wires, a name of MATERIALS, '' where nobody has said it.
     """
-    declared, found = declared_parameters(config), list[ImplausibleParameter]()
+    reach = GAUSS_95 * np.sqrt(np.diag(covariance))
+    return (*outside(config, free, z, reach, material), *moduli_out_of_order(config, free, covariance))
+
+
+def outside(
+    config: Config, free: Sequence[FreeParameter], z: Vector, reach: Vector, material: str
+) -> Iterator[ImplausibleParameter]:
+    """The free parameters (p) that are outside of their plausible range at z by more than `reach` (p,)."""
+    declared = declared_parameters(config)
     known = material_of(config.parameters, config.structure.wires, material)
     usual = usual_ranges(known, config.parameters) if known else {}
-    for parameter, at, variance in zip(free, z[: len(free)].tolist(), np.diag(covariance).tolist(), strict=True):
+    for parameter, at, by in zip(free, z[: len(free)].tolist(), reach.tolist(), strict=True):
         low, high, reason = plausible_range(parameter, declared[parameter.name])
         words = ''
         if known and reason == 'nominal' and parameter.name not in config.priors:
             low, high = widened(parameter, (low, high), usual)
             words = known.words if parameter.name in usual else ''
-        reach = GAUSS_95 * sqrt(variance)
-        if at - reach > high or at + reach < low:
+        if at - by > high or at + by < low:
             value, ends = parameter.value(at), (parameter.value(low), parameter.value(high))
-            found.append(ImplausibleParameter(parameter.name, value, parameter.center, *ends, parameter.unit, reason, words))
-    return (*found, *moduli_out_of_order(config, free, covariance))
+            yield ImplausibleParameter(parameter.name, value, parameter.center, *ends, parameter.unit, reason, words)
+
+
+def improbable_offsets(runs: Sequence[FitData], fits: Sequence[RunFit]) -> tuple[ImprobableOffset, ...]:
+    """What recordings have their own of that ended too far from what was stated of it; `fits`: of the same runs."""
+    found = dict[tuple[str, float], dict[str, float]]()
+    for run, fit in zip(runs, fits, strict=True):
+        own = {'ambient': (fit.ambient, fit.ambient_std)}
+        for kind, offsets, stds in (('zero', fit.zeros, run.zero_std), ('drift', fit.drifts, run.drift_std)):
+            known = dict(zip(run.channels, stds, strict=bool(stds)))
+            own |= {f'{kind}.{channel}': (value, known[channel]) for channel, value in offsets.items()}
+        for name, (value, std) in own.items():
+            if abs(value) > GIVEN_STDS * std > 0.0:
+                found.setdefault((name, std), {})[fit.name] = value
+    return tuple(ImprobableOffset(name, std, values) for (name, std), values in found.items())
 
 
 def is_form(parameter: Parameter) -> bool:
@@ -199,3 +244,13 @@ def implausible_of(fit: FitResult, known: Uncertainty | None) -> tuple[Implausib
         return ()
     covariance = reported_covariance(fit.problem.free, known)
     return implausible_parameters(fit.config, fit.problem.free, fit.z, covariance, fit.problem.material)
+
+
+def unusual_of(fit: FitResult, known: Uncertainty | None) -> tuple[ImplausibleParameter, ...]:
+    """What ended outside of what is realistic, or usual of its material, by less than it is uncertain: no sign of what the
+    model lacks, and no value to use. Nothing where uncertainties are not known."""
+    if known is None:
+        return ()
+    determined = {one.name for one in implausible_of(fit, known)}
+    found = outside(fit.config, fit.problem.free, fit.z, np.zeros(len(fit.problem.free)), fit.problem.material)
+    return tuple(one for one in found if one.name not in determined and (one.reason == 'realistic' or one.material))
