@@ -22,6 +22,7 @@ from sma_sim.words.fit_remarks import (
     agreement_sentence,
     beyond_sentences,
     implausible_sentence,
+    limit_sentences,
     misfit_sentence,
     other_minima,
     unfollowed_sentence,
@@ -195,7 +196,7 @@ def remarks(diagnosis: Diagnosis) -> Iterator[str]:
     if sentence := misfit_sentence(diagnosis.calibration.error):
         yield sentence
     yield from other_minima(diagnosis.calibration)
-    yield from (limit.text for limit in diagnosis.calibration.limits)
+    yield from limit_sentences(diagnosis.calibration)
     if disagreement(diagnosis.calibration.by_run) is not None:
         yield agreement_sentence(diagnosis.calibration.by_run)
     if diagnosis.pooled_errors is not None and diagnosis.proposal is None and explains_all_together(diagnosis):

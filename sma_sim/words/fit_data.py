@@ -30,6 +30,7 @@ def fit_result_data(found: Calibration, predicted: Sequence[RunFit], dataset: Da
         },
         'delay': found.delay,
         'delay_std': uncertainty.delay_std if uncertainty else None,
+        'delay_interval': interval_data(uncertainty.delay if uncertainty else None),
         'error': {
             'train': found.error,
             'held_out': float((sum(fit.error**2 for fit in predicted) / len(predicted)) ** 0.5) if predicted else None,

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import isnan
 
-from sma_sim.evidence.estimation.calibrate import FINAL_RTOL, Calibration
+from sma_sim.evidence.estimation.calibrate import DELAY_NAME, FINAL_RTOL, Calibration
 from sma_sim.evidence.estimation.fit_result import OtherStart
 from sma_sim.evidence.estimation.free_parameters import GIVEN_STDS
 from sma_sim.evidence.estimation.log_evidence import DECISIVE
 from sma_sim.evidence.estimation.plausibility import ImplausibleParameter
 from sma_sim.evidence.estimation.run_estimates import DISAGREE, MIN_P, ParameterByRun, disagreement
-from sma_sim.evidence.estimation.uncertainty import GAUSS_95, RULED_OUT
+from sma_sim.evidence.estimation.uncertainty import RULED_OUT, Interval
 from sma_sim.model.config import AUTO, Config
 from sma_sim.words.nuisances import ambient_sentence, beginning_words, factor_sentences, offset_sentences, warm_wires
 
@@ -30,7 +29,7 @@ def remarks_on(found: Calibration) -> list[str]:
     unseen, held = found.uncertainty.unseen if found.uncertainty else (), found.held_by_prior
     remarks += [f'not determined by these data: {name}' for name in unseen if name not in held]
     remarks += [f'its prior tells more than these data: {words}' for words in held.values()]
-    remarks += [limit.text for limit in found.limits]
+    remarks += limit_sentences(found)
     remarks += [f'{parameter.name} was kept fixed: {parameter.reason}' for parameter in found.fixed]
     remarks += [implausible_sentence(found.implausible)] if found.implausible else []
     remarks += beyond_sentences(found)
@@ -102,17 +101,40 @@ def starts_sentence(others: Sequence[OtherStart]) -> str:
     return f'{same} of {count} starting points led to this minimum, the others to one of higher cost: see --json'
 
 
+def limit_sentences(found: Calibration) -> list[str]:
+    """Which estimates ended at a limit, and how that is moved; no delay that these data do not determine."""
+    delay = delay_interval_of(found)
+    is_open = delay is not None and not delay.seen
+    return [limit.text for limit in found.limits if limit.name != DELAY_NAME or not is_open]
+
+
+def delay_interval_of(found: Calibration) -> Interval | None:
+    """The interval of the delay, where it was fitted and intervals are known."""
+    return found.uncertainty.delay if found.uncertainty else None
+
+
 def delay_sentence(found: Calibration) -> str:
-    """The delay of the measurement, and whether it is one."""
-    delay, interval = found.delay, found.sampling_interval
-    std = found.uncertainty.delay_std if found.uncertainty else float('nan')
-    words = f'delay of the measurement: {1e3 * delay:.3g} ms'
-    words += '' if isnan(std) else f' ({1e3 * (delay - GAUSS_95 * std):.3g} to {1e3 * (delay + GAUSS_95 * std):.3g})'
-    if 'delay' in found.at_bound:
+    """The delay of the measurement, and whether it is one; that it is not determined, as in slow tests."""
+    begin, delay, interval, known = (
+        'delay of the measurement: ',
+        found.delay,
+        found.sampling_interval,
+        delay_interval_of(found),
+    )
+    if known and not known.seen:
+        return f'{begin}not determined by these data (between {time_words(known.low)} and {time_words(known.high)})'
+    words = f'{begin}{time_words(delay)}'
+    words += f' ({time_words(known.low)} to {time_words(known.high)})' if known else ''
+    if DELAY_NAME in found.at_bound:
         return words
     if abs(delay) <= 0.5 * interval:
-        return f'{words}, within half a sampling interval ({1e3 * interval:.3g} ms): no finding'
-    return f'{words}: the interval holds 0, no finding' if abs(delay) <= GAUSS_95 * std else words
+        return f'{words}, within half a sampling interval ({time_words(interval)}): no finding'
+    return f'{words}: the interval holds 0, no finding' if known and known.low <= 0.0 <= known.high else words
+
+
+def time_words(seconds: float) -> str:
+    """A time in milliseconds, or in seconds from 1 s on."""
+    return f'{seconds:.3g} s' if abs(seconds) >= 1.0 else f'{1e3 * seconds:.3g} ms'
 
 
 def agreement_sentence(found: Sequence[ParameterByRun], is_misfit: bool = False) -> str:

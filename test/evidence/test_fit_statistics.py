@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, norm
 
-from sma_sim.evidence.estimation.calibrate import errors_by_channel
+from sma_sim.evidence.estimation.calibrate import errors_by_channel, limits_reached
 from sma_sim.evidence.estimation.chi_square import chi_square_tail
 from sma_sim.evidence.estimation.free_parameters import BOUND_STDS, MAX_PRIOR_STDS, FreeParameter
 from sma_sim.evidence.estimation.homogeneity import cochran_p, sentences
@@ -36,15 +36,17 @@ from sma_sim.evidence.estimation.uncertainty import (
     Interval,
     autocorrelation_time,
     correlation_times,
+    delay_interval,
     direction,
     information_of,
     interval,
     long_run,
     uncertainty,
 )
+from sma_sim.model.config import Config
 from sma_sim.model.parameters import Parameter
 from sma_sim.solver.beginning import AT_REST
-from sma_sim.words.fit_remarks import p_words
+from sma_sim.words.fit_remarks import delay_sentence, limit_sentences, p_words
 
 A = FreeParameter('a', 2.0, 0.5, -5.0, 5.0, True, 'Pa')
 B = FreeParameter('b', 0.0, 4.0, -5.0, 5.0, False, '-')
@@ -98,6 +100,34 @@ def rows_of(linear, count):
     return np.vstack([run.jacobian.reshape(len(run.indices), -1).T @ np.eye(count)[run.indices] for run in linear])
 
 
+@pytest.mark.parametrize(
+    ('delay', 'std', 'said', 'limits'),
+    [
+        (-0.5, 15e3, 'not determined by these data (between -500 ms and 5 s)', []),
+        (-0.5, 0.5, '-500 ms (-500 ms to 480 ms)', ['delay = -0.5 s ended at a limit']),
+        (1.2, 0.1, '1.2 s (1 s to 1.4 s)', []),
+        (0.3, 0.2, '300 ms (-92 ms to 692 ms): the interval holds 0, no finding', []),
+        (0.02, 0.001, '20 ms (18 ms to 22 ms), within half a sampling interval (100 ms): no finding', []),
+    ],
+)
+def test_a_delay_that_data_do_not_determine_is_said_to_be_so(delay, std, said, limits):
+    """An interval ends where the fit could go, and of one that is as wide as that nothing is known."""
+    known = delay_interval(DELAY, DELAY.coordinate(delay), std / DELAY.scale)
+    assert known.seen == (std < 1.0) and known.std == pytest.approx(std)
+    z, reached = np.array([DELAY.coordinate(delay)]), ()
+    if delay == -0.5:
+        reached = limits_reached(SimpleNamespace(config=Config(), shared=(DELAY,), runs=()), z, ())
+    found = SimpleNamespace(
+        delay=delay,
+        sampling_interval=0.1,
+        limits=reached,
+        at_bound=tuple(one.name for one in reached),
+        uncertainty=SimpleNamespace(delay=known),
+    )
+    assert delay_sentence(found) == f'delay of the measurement: {said}'
+    assert [one.split(' of the fit')[0] for one in limit_sentences(found)] == limits
+
+
 @pytest.mark.parametrize('delay', [None, 0.1])
 def test_white_residuals_give_the_intervals_of_linear_regression(delay):
     problem = problem_of(delay=delay)
@@ -114,6 +144,7 @@ def test_white_residuals_give_the_intervals_of_linear_regression(delay):
         assert (one.low, one.high) == pytest.approx((free.value(z[k] - reach), free.value(z[k] + reach)))
     assert found.correlation[0][0] == pytest.approx(1.0) == pytest.approx(found.correlation[1][1])
     assert found.correlation[0][1] == pytest.approx(covariance[0, 1] / (std[0] * std[1])) == found.correlation[1][0]
+    assert (found.delay is None) == (delay is not None)
     assert np.isnan(found.delay_std) if delay is not None else found.delay_std == pytest.approx(0.05 * std[2])
     assert not found.unseen and [set(one.weights) for one in found.directions] == [{'a', 'b'}] * 2
     matrix = np.linalg.inv(covariance[:2, :2])

@@ -39,7 +39,7 @@ CALIBRATION = SimpleNamespace(
     error=1.0,
     limits=(),
     other_starts=(),
-    uncertainty=SimpleNamespace(intervals=[interval(name, *numbers) for name, numbers in KNOWN.items()]),
+    uncertainty=SimpleNamespace(intervals=[interval(name, *numbers) for name, numbers in KNOWN.items()], delay=None),
 )
 
 

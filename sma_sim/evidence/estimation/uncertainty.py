@@ -112,7 +112,7 @@ class Uncertainty:
     `correlation` (p, p) in the order of `intervals`; `correlation_time`: by channel, by how many samples residuals
     are correlated (1: white); `delay_std` [s]. `ambient`: by recording, by how much its ambient temperature is above that of
     the first one, where they differ. All of them together can hardly be told from parameters. `warmth`: by recording, how
-    warm its wires were at its beginning, where that is not at rest.
+    warm its wires were at its beginning, where that is not at rest. `delay`: its interval, where it was fitted.
     """
 
     intervals: tuple[Interval, ...]
@@ -123,6 +123,7 @@ class Uncertainty:
     delay_std: float
     ambient: Mapping[str, AmbientDifference] = field(default_factory=dict)
     warmth: Mapping[str, tuple[Warmth, ...]] = field(default_factory=dict)
+    delay: Interval | None = None
 
 
 @dataclass(frozen=True)
@@ -217,18 +218,21 @@ def uncertainty(problem: Problem, z: Vector, runs: Sequence[RunInformation]) -> 
     information = np.linalg.inv(inverse_of_precision(said)[:p, :p]) - BOUND_STDS**-2.0 * np.eye(p) if p else np.zeros((0, 0))
     size, vectors = eigh(information)
     unknown = vectors[:, size < PRIOR_INFORMATION]
+    std = np.sqrt(variance)
+    delay = delay_interval(problem.shared[p], float(z[p]), float(std[p])) if problem.delay is None else None
     return Uncertainty(
         intervals=tuple(
-            interval(free, float(z[k]), float(np.sqrt(variance[k])), seen=float(np.sum(unknown[k] ** 2)) < MIN_COMPONENT**2)
+            interval(free, float(z[k]), float(std[k]), seen=float(np.sum(unknown[k] ** 2)) < MIN_COMPONENT**2)
             for k, free in enumerate(problem.free)
         ),
         directions=tuple(direction(problem.free, vectors[:, k], size[k] + BOUND_STDS**-2.0) for k in reversed(range(p))),
         unseen=tuple(unidentified(problem.free, unknown)),
         correlation=tuple(tuple(row) for row in correlations(covariance[:p, :p]).tolist()),
         correlation_time=times,
-        delay_std=float('nan') if problem.delay is not None else problem.shared[p].scale * float(np.sqrt(variance[p])),
+        delay_std=float('nan') if delay is None else delay.std,
         ambient=ambient_differences(problem, z, (covariance, inverse @ scores @ inverse)),
         warmth=warmth_of_wires(problem, z, variance),
+        delay=delay,
     )
 
 
@@ -300,6 +304,15 @@ def interval(free: FreeParameter, z: float, std: float, seen: bool) -> Interval:
     seen = seen and reach <= BOUND_STDS  # wider than the fit could go: nothing is known
     low, high = (max(z - reach, free.low), min(z + reach, free.high)) if seen else (free.low, free.high)
     return Interval(free.name, free.value(z), free.scale * std, free.value(low), free.value(high), free.log, seen, free.unit)
+
+
+def delay_interval(delay: FreeParameter, z: float, std: float) -> Interval:
+    """The 95 % interval of the delay within its limits; nothing is known where it is as wide as these are apart."""
+    reach = GAUSS_95 * std
+    seen = reach <= 0.5 * (delay.high - delay.low)
+    low, high = (max(z - reach, delay.low), min(z + reach, delay.high)) if seen else (delay.low, delay.high)
+    ends = delay.value(low), delay.value(high)
+    return Interval(delay.name, delay.value(z), delay.scale * std, *ends, delay.log, seen, delay.unit)
 
 
 def checked_by_runs(
