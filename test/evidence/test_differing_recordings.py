@@ -330,6 +330,16 @@ def test_the_unknown_states_of_an_effect_come_and_go_with_it():
         assert again.unknowns == problem.unknowns and (back == z).all()
 
 
+def test_a_candidate_frees_no_parameters_of_channels_that_nothing_measures():
+    effect = sma_sim.find_effects()['sensor_drift']
+    screened = ScreeningResult(Candidate(effect, ()), 0.0, {p.name: p.default for p in effect.parameters})
+    problem = problem_for(sma_sim.Dataset(pieces()[0][:1], NOISE), sma_sim.Config(), OPTIONS, 5)
+    larger, there = with_candidate(FitResult(problem, start_point(problem), 1.0), screened)
+    more = [one.name.removeprefix('effects.sensor_drift.') for one in larger.free[len(problem.free) :]]
+    assert more == [name for name in ('U_x', 'U_y', 'alpha', 'F_1', 'F_2') if name in NOISE] + ['k']
+    assert len(there) == len(larger.unknowns)
+
+
 def test_a_motion_before_is_proposed_where_first_samples_are_not_those_at_rest():
     """Whatever a fit has made of the other parameters; of a single recording too."""
     with executor_or_threads(None) as pool:
