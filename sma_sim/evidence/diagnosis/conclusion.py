@@ -351,7 +351,8 @@ def with_ambient_of_held_out(
 
 
 def from_defaults_too(fit: FitResult, context: SearchContext) -> FitResult:
-    """A model with effects, or the better minimum to which it leads from the nominal values with these at their defaults.
+    """A model with effects as it is fitted from the nominal values with these at their defaults, unless that ends in a worse
+    minimum.
 
     A search comes to its last model from those with fewer effects, a fit that asks for all of them does not: both are to
     give the same answer. The minimum that is not taken is kept as another start.
@@ -362,7 +363,7 @@ def from_defaults_too(fit: FitResult, context: SearchContext) -> FitResult:
     other = refit(fit.problem, at_defaults(fit.problem), context, FROM_PRIORS)
     if other is None:
         return fit
-    best, worse = (other, fit) if other.cost < fit.cost - SAME_OPTIMUM else (fit, other)
+    best, worse = (other, fit) if other.cost < fit.cost + SAME_OPTIMUM else (fit, other)
     more, k = worse.cost - best.cost, overdispersion(best.problem, best.z, context.pool)
     start = OtherStart(more, worse.values, abs(more) < SAME_OPTIMUM, more / k**2)
     return replace(fit, z=best.z, cost=best.cost, other_starts=(*fit.other_starts, start))
