@@ -516,7 +516,7 @@ PARTS = (
         'benches',
         'Confidence intervals of benches',
         minutes=40,
-        command=cases('benches'),
+        command=cases('benches', '--first', '3000'),
         text='A slider, a blocked wire and a tensile test with what real benches have: a scale of power, delays, zeros, '
         'drifts, rooms, resolutions, a thermometer that lags, grips with a toe. The nominal model is fitted to three '
         'recordings, where nothing is missing and where thermal expansion or the grains of a polycrystal are; another '
