@@ -88,6 +88,7 @@ def as_text(diagnosis: Diagnosis) -> Iterator[str]:
         yield from probability_lines(
             {
                 'system': diagnosis.calibration.config.system,
+                'verdict': diagnosis.verdict,
                 'models': models(diagnosis.posterior),
                 'probabilities': probabilities(diagnosis.posterior),
                 'retracted': diagnosis.retracted,

@@ -1,9 +1,9 @@
 """How probable a diagnosis holds its models, in words: for the terminal, the report and the page of `explore`.
 
-All of it is read from the data of a diagnosis (`sma_sim.words.diagnosis_data.as_data`): its ``system``; ``probabilities``,
-of nothing missing (``none``), of something that is not listed (``unlisted``), of each of the ``effects`` by name and of
-``other`` ones; ``models``, the most probable first, with their ``effects``, a ``formula`` or none, ``differences``
-between recordings, ``probability`` and ``error`` over noise; and which effects were ``retracted``.
+All of it is read from the data of a diagnosis (`sma_sim.words.diagnosis_data.as_data`): its ``system`` and ``verdict``;
+``probabilities``, of nothing missing (``none``), of something that is not listed (``unlisted``), of each of the ``effects``
+by name and of ``other`` ones; ``models``, the most probable first, with their ``effects``, a ``formula`` or none,
+``differences`` between recordings, ``probability`` and ``error`` over noise; and which effects were ``retracted``.
 """
 
 from __future__ import annotations
@@ -80,7 +80,8 @@ def system_of(found: Mapping[str, Any]) -> str:
 
 def model_rows(found: Mapping[str, Any]) -> list[ProbabilityRow]:
     """The models of a diagnosis, the most probable first; none where it says nothing of them."""
-    system, alone = system_of(found), NO_EFFECT if lacks_unlisted(found) else NOTHING
+    is_unknown = lacks_unlisted(found) or found.get('verdict') == 'unknown_effect'
+    system, alone = system_of(found), NO_EFFECT if is_unknown else NOTHING
     return [
         ProbabilityRow(model_words(model, system, alone), probability_words(model['probability']), model['error'])
         for model in found.get('models') or ()

@@ -124,6 +124,7 @@ def test_sentences_name_the_best_the_second_and_ties():
     assert words.startswith('By the fitted recordings alone, which do not tell those held out: gravity, more than')
     unlisted = {**nothing, 'probabilities': wire['probabilities']}
     assert probability_lines(unlisted)[0] == 'Most probable: no effect of the list, 97 %.'
+    assert probability_lines({**nothing, 'verdict': 'unknown_effect'}) == ['Most probable: no effect of the list, 97 %.']
 
 
 def test_a_diagnosis_without_probabilities_says_nothing_of_them():
