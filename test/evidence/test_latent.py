@@ -299,7 +299,7 @@ def test_what_is_left_is_simulated_and_tells_the_port():
     assert found.error > 2.0 and found.verdict == 'power' and best.error < 1.2
     told_apart = [finding for finding in others if finding.name not in found.indistinguishable]
     assert set(found.indistinguishable) <= {'heat'} and all(finding.error > 1.08 * best.error for finding in told_apart)
-    assert 0.8 < found.held_out / found.error < 1.3  # of the fit itself: a few parameters predict gaps as well as they fit
+    assert 0.7 < found.held_out / found.error < 1.3  # a few parameters predict gaps as well as they fit, the cap acts in few
     assert all(finding.error > 1.15 for finding in others if not finding.name.startswith('heat')) and set(
         best.parameters
     ) >= {'wire.lambda', 'beam.E'}
