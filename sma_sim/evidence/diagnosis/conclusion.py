@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import inf, isfinite, isnan, sqrt
+from math import inf, isnan, sqrt
 from typing import Literal
 
 import numpy as np
@@ -355,7 +355,9 @@ def from_defaults_too(fit: FitResult, context: SearchContext) -> FitResult:
     minimum.
 
     A search comes to its last model from those with fewer effects, a fit that asks for all of them does not: both are to
-    give the same answer. The minimum that is not taken is kept as another start.
+    give the same answer. Minima that the recordings hold alike, to a nat, or to two of the score, which is rougher, where no
+    model follows them, differ in values which they leave open: of those the one counts that is more probable before them. The
+    minimum that is not taken is kept as another start.
     """
     if not fit.effects or context.stop.is_set():
         return fit
@@ -363,8 +365,14 @@ def from_defaults_too(fit: FitResult, context: SearchContext) -> FitResult:
     other = refit(fit.problem, at_defaults(fit.problem), context, FROM_PRIORS)
     if other is None:
         return fit
-    best, worse = (other, fit) if other.cost < fit.cost + SAME_OPTIMUM else (fit, other)
-    more, k = worse.cost - best.cost, overdispersion(best.problem, best.z, context.pool)
+    k = overdispersion(fit.problem, fit.z, context.pool)
+    priors = [0.5 * (fit.problem.tempering * float(np.linalg.norm(one.z))) ** 2 for one in (fit, other)]
+    squares = [one.cost - prior for one, prior in zip((fit, other), priors, strict=True)]
+    tolerance = SAME_OPTIMUM * (k**2 if fit.problem.tempering > 1.0 else 0.5)
+    are_alike = abs(squares[1] - squares[0]) < tolerance
+    is_better = priors[1] < priors[0] if are_alike else other.cost < fit.cost - SAME_OPTIMUM
+    best, worse = (other, fit) if is_better else (fit, other)
+    more = worse.cost - best.cost
     start = OtherStart(more, worse.values, abs(more) < SAME_OPTIMUM, more / k**2)
     return replace(fit, z=best.z, cost=best.cost, other_starts=(*fit.other_starts, start))
 
@@ -373,9 +381,8 @@ def as_fitted(fit: FitResult, context: SearchContext) -> FitResult:
     """A fit of a search under the priors of a fit that asks for its effects: about their defaults, not about no effect.
 
     A search compares models by priors about neutral values. Where data leave values open, these would be the least that
-    explains the fitted runs, which is no estimate of an effect that is there. Where the likelihood was tempered it counts as
-    the score does, by the overdispersion of what the fit leaves: else values that the data leave open would stay where
-    the search has been.
+    explains the fitted runs, which is no estimate of an effect that is there. A noise that was tempered has the size of what
+    the fit leaves: in the end no candidates are compared by their priors.
     """
     problem, declared = fit.problem, declared_parameters(fit.problem.config)
     added = tuple(f'effects.{name}.' for name in fit.effects)
@@ -383,8 +390,7 @@ def as_fitted(fit: FitResult, context: SearchContext) -> FitResult:
         free_parameter(one.name, declared[one.name].default, declared[one.name]) if one.name.startswith(added) else one
         for one in problem.free
     )
-    k = overdispersion(problem, fit.z, context.pool) if problem.tempering > 1.0 else 1.0
-    tempering = max(1.0, k) if isfinite(k) else problem.tempering
+    tempering = max(1.0, fit.error) if problem.tempering > 1.0 else problem.tempering
     problem = replace(problem, free=free, tempering=tempering)
     z = with_values(problem, fit.z, fit.values)
     return replace(fit, problem=problem, z=z, cost=cost_at(problem, z, context.pool))
