@@ -356,8 +356,8 @@ def from_defaults_too(fit: FitResult, context: SearchContext) -> FitResult:
 
     A search comes to its last model from those with fewer effects, a fit that asks for all of them does not: both are to
     give the same answer. Minima that the recordings hold alike, to a nat, or to two of the score, which is rougher, where no
-    model follows them, differ in values which they leave open: of those the one counts that is more probable before them. The
-    minimum that is not taken is kept as another start.
+    model follows them, differ in values which they leave open: of those the one counts that is more probable before them.
+    The minimum that is not taken is kept as another start.
     """
     if not fit.effects or context.stop.is_set():
         return fit
