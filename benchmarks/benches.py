@@ -307,11 +307,12 @@ def table(results: list[Row]) -> Iterator[str]:
             f'| {min(curve):.1%} | {np.median([row["fitted"] for row in rows]):.3g} '
             f'| {np.median([row["held_out"] for row in rows]):.3g} |'
         )
-    if len(fits) < len(groups):
+    diagnoses = [group for group in groups if group[0] != 'fit']
+    if diagnoses:
         yield ''
         yield '| bench | missing | benches | verdicts | with an effect that is not there | right |'
         yield '|---|---|---|---|---|---|'
-    for group in groups[len(fits) :] if fits else groups:
+    for group in diagnoses:
         rows = [row for row in known if tuple(row['case'][:3]) == group]
         true = set(effects_of(group[2]))
         invented = sum(bool(set(row['effects']) - true) for row in rows)

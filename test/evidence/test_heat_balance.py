@@ -38,7 +38,7 @@ def test_a_fit_of_few_samples_starts_from_what_warming_shows():
 def test_a_wire_that_warms_much_beside_itself_is_fitted_and_said():
     """A hundred times the heat capacity of NiTi, as of a wire in a fabric: a fit from the default reaches twelve times."""
     with pytest.warns(
-        PhysicsWarning, match=r'wire.c_V: the warming of the wire shows 3.*e\+04 J/\(kg K\).*380 is out of reach'
+        PhysicsWarning, match=r'wire.c_V: the warming of the wire shows 3.*e\+04 J/\(kg K\).*380, is out of reach'
     ):
         found = calibrate(warmed({'c_V': 38000.0}, noise=0.005), Config(system='wire'), FitOptions(kinetics='hybrid'))
     assert found.error < 1.1 and found.values['wire.c_V'] == pytest.approx(38000.0, rel=0.05)

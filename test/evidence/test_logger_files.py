@@ -681,8 +681,8 @@ def blocks(size, clock):
     """Rows in blocks whose time starts again at 0; `clock`: what the first row of each has beside."""
 
     def form(k, _, p, x):
-        begun = [f'{1000 * TIME[k]:.0f}' if k % size == 0 else ''] if clock else []
-        return ','.join([f'{1e-5 * (k % size):g}', f'{p}', f'{x:.12f}', *begun])
+        time_of_block = [f'{1000 * TIME[k]:.0f}' if k % size == 0 else ''] if clock else []
+        return ','.join([f'{1e-5 * (k % size):g}', f'{p}', f'{x:.12f}', *time_of_block])
 
     return ','.join(['X_Value', 'J_W', 'position_m', *([clock] if clock else [])]) + '\n' + rows(form)
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -21,7 +22,7 @@ import numpy as np
 
 from sma_sim.evidence.data.quasi_static import first_cycles
 from sma_sim.evidence.data.recording import Dataset
-from sma_sim.evidence.estimation.beginnings import with_better_beginnings
+from sma_sim.evidence.estimation.beginnings import NEAR_END, with_better_beginnings
 from sma_sim.evidence.estimation.curve_features import shown_by_curves
 from sma_sim.evidence.estimation.executors import executor_or_threads, run_in_threads
 from sma_sim.evidence.estimation.fit_result import FitResult, OtherStart
@@ -502,14 +503,14 @@ def best_of_starts(
         fits += fitted(from_all_over_the_priors(subset, options.seed, context.pool), len(fits))
     least = min(fit.cost for fit in fits)
     best = next(fit for fit in fits if fit.cost < least + SAME_OPTIMUM)
-    begins = best
+    first_best = best
     if len(fits) > 1:
         best = with_better_beginnings(best, context, f'{kinetics}, other beginnings')
     k = overdispersion(subset, best.z, context.pool) if len(fits) > 1 else nan
     others = tuple(
         OtherStart(more, thinned.values(fit.z), abs(more) < SAME_OPTIMUM, more / k**2)
         for fit in fits
-        if fit is not begins
+        if fit is not first_best
         for more in [fit.cost - best.cost]
     )
     if len(subset.runs) < len(thinned.runs):
@@ -647,34 +648,37 @@ def calibration_of(fit: FitResult, context: SearchContext) -> Calibration:
 
 def errors_by_channel(problem: Problem, fits: Sequence[RunFit]) -> dict[str, float]:
     """Normalized RMSE by channel, over the samples of all runs."""
-    squares: dict[str, float] = {}
-    counts: dict[str, int] = {}
-    for run, fit in zip(problem.runs, fits, strict=True):
-        for name, weights in zip(run.channels, run.weight, strict=True):
-            count = int(np.count_nonzero(weights))
-            if count:
-                counts[name] = counts.get(name, 0) + count
-                squares[name] = squares.get(name, 0.0) + count * fit.channel_errors[name] ** 2
-    return {name: float(np.sqrt(squares[name] / counts[name])) for name in counts}
+    return pooled_errors(
+        (name, int(np.count_nonzero(weights)), fit.channel_errors[name] ** 2)
+        for run, fit in zip(problem.runs, fits, strict=True)
+        for name, weights in zip(run.channels, run.weight, strict=True)
+        if np.any(weights)
+    )
 
 
 def errors_of_constants(problem: Problem) -> dict[str, float]:
     """Normalized RMSE by channel that constants would leave, one for each run."""
-    squares: dict[str, float] = {}
-    counts: dict[str, int] = {}
-    for run in problem.runs:
-        for name, measured, weight in zip(run.channels, run.measured, run.weight, strict=True):
-            known = measured[weight > 0.0] * weight[weight > 0.0]
-            if len(known):
-                counts[name] = counts.get(name, 0) + len(known)
-                squares[name] = squares.get(name, 0.0) + len(known) * float(known.var())
-    return {name: float(np.sqrt(squares[name] / counts[name])) for name in counts}
+    rows = (
+        (name, (measured * weight)[weight > 0.0])
+        for run in problem.runs
+        for name, measured, weight in zip(run.channels, run.measured, run.weight, strict=True)
+        if np.any(weight)
+    )
+    return pooled_errors((name, len(known), float(known.var())) for name, known in rows)
+
+
+def pooled_errors(parts: Iterable[tuple[str, int, float]]) -> dict[str, float]:
+    """By channel, the root of the mean square over all samples of its parts: (channel, samples, mean square)."""
+    squares, counts = defaultdict[str, float](float), defaultdict[str, int](int)
+    for name, count, square in parts:
+        counts[name] += count
+        squares[name] += count * square
+    return {name: float(np.sqrt(squares[name] / count)) for name, count in counts.items()}
 
 
 # Where the minimisations of a fit start, and by which weights of the data they come to the whole of them.
 SPREAD = 0.25  # of further starts, in standard deviations of the priors
 TRIES = 20  # for a further start at which every run can be made
-START_END = 0.9  # of the way to an end of the hysteresis
 UNFOLLOWED = 0.7  # of the error that constants leave: half of the variance
 DRAWS, DRAWN_STDS, MORE_STARTS = 64, (1.0, 2.0), 4  # points of each width [standard deviations], from which fits go on
 # Weights of the residuals with which data take over from priors. At first these hold what would hide a wrong valley of a
@@ -746,7 +750,7 @@ def from_either_end(problem: Problem, z: Vector) -> list[StartingPoint]:
     own; a fit may end in the wrong one, and leaves it once its other unknowns are near.
     """
     begins = [unknown is START for unknown in problem.unknowns]
-    return [StartingPoint(np.where(begins, START_END * end, z)) for end in (START.low, START.high)]
+    return [StartingPoint(np.where(begins, NEAR_END * end, z)) for end in (START.low, START.high)]
 
 
 def from_all_over_the_priors(problem: Problem, seed: int, pool: Executor) -> list[StartingPoint]:

@@ -182,10 +182,10 @@ def started_from_warming(dataset: Dataset, config: Config) -> Config:
     }
     for name, value in beyond.items():
         words = (
-            f'{name}: the warming of the wire shows {value:.3g} {free[name].unit}, from which the fit starts; its default '
+            f'{name}: the warming of the wire shows {value:.3g} {free[name].unit}, from which the fit starts; its default, '
+            f'{config.parameters[name]:g}, is out of reach: check power, wire.n, wire.r0, wire.l0, and what else is heated'
         )
-        words += f'{config.parameters[name]:g} is out of reach: check the power, wire.n, wire.r0 and wire.l0, and what the '
-        warnings.warn(words + 'wire warms beside itself', PhysicsWarning, stacklevel=4)
+        warnings.warn(words, PhysicsWarning, stacklevel=4)
     return config.variant(beyond)
 
 
